@@ -1,0 +1,282 @@
+"""The configuration: one frozen dataclass per TOML section, loading, overrides, validation.
+
+A new key is a new field: types int, float, bool, str, Literal, tuples of them, and any
+of those `| None` (spelt "none" in a file). Numbers may not be negative; those named in
+`_POSITIVE` may not be zero either. A default makes a key optional in a file.
+"""
+
+import dataclasses
+import difflib
+import hashlib
+import json
+import math
+import tomllib
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+_LOWER_BODY = ("Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot")
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    dir: str = "data"  # folder of imported sequence files, with train/ and test/ inside
+    validation: tuple[str, ...] = ()  # names of training clips kept back from training
+    mirror: bool = True  # add the left-right mirrored clips (a symmetric garment and body)
+
+
+@dataclass(frozen=True)
+class BodyConfig:
+    motion_joints: tuple[str, ...] = _LOWER_BODY  # joints whose motion the network sees
+    seeds: int = 64  # seed points on the body under the garment
+    tau: float = 0.03  # metres; length scale of the softmax skinning weights
+    skin_iterations: int = 3  # fixed-point passes of the inverse skinning
+
+
+@dataclass(frozen=True)
+class UvConfig:
+    size: int = 64  # texels along each side of a UV map
+
+
+@dataclass(frozen=True)
+class GenerativeConfig:
+    channels: tuple[int, ...] = (24, 48, 96, 128)  # widths of the four stride-2 convolutions
+    latent_dim: int = 128  # of Z
+    part_dim: int = 64  # of z_s and of z_d
+    rec_hidden: tuple[int, ...] = (256, 256)  # hidden widths of D_rec
+    rec_rank: int = 96  # rank of D_rec's last layer
+    lambda_laplacian: float = 3.5
+    lambda_unposed: float = 0.1
+    lambda_template: float = 0.05
+    lambda_kl: float = 1e-3
+    steps: int = 20_000
+    batch: int = 56  # frames
+    learning_rate: float = 1e-4
+    weight_decay: float = 1e-3
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    gru: int = 500  # width of the recurrent state
+    previous_state: bool = True  # E_s on the map of the last frame; false is the ablation
+    window: int = 50  # frames of truncated back-propagation
+    lanes: int = 8  # clips trained side by side
+    lambda_laplacian: float = 1.5
+    lambda_latent: float = 0.5
+    steps: int = 5_000  # windows
+    learning_rate: float = 1e-4
+    weight_decay: float = 1e-3
+
+
+@dataclass(frozen=True)
+class DetailConfig:
+    features: tuple[int, ...] = (8, 10)  # widths of the EdgeConv layers
+    lambda_adversarial: float = 0.01  # weight of the generator's score term beside L1 in cm
+    steps: int = 3_000
+    batch: int = 8  # frames
+    learning_rate: float = 2e-4
+    weight_decay: float = 1e-3
+
+
+@dataclass(frozen=True)
+class CollisionConfig:
+    eps: float = 1e-3  # metres; the distance kept from the body
+    iterations: int = 20  # projected-gradient steps
+    tolerance: float = 1e-5  # metres; largest vertex step at which the solver stops
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    seed: int = 0
+    optimiser: Literal["adamw", "adam_l2"] = "adamw"  # adam_l2: decay added to the gradient
+    clip_norm: float = 1.0  # largest global gradient norm; 0 switches clipping off
+    schedule: Literal["constant", "cosine"] = "cosine"
+    warmup: float = 0.02  # part of the steps in which the rate rises from 0
+    final_rate: float = 0.01  # cosine: last rate as a part of the first
+    log_every: int = 20  # steps
+    checkpoint_seconds: float = 60.0
+    validate_every: int = 1_000  # steps; 0 never
+
+
+@dataclass(frozen=True)
+class RolloutConfig:
+    chunk: int = 256  # frames per compiled piece
+
+
+@dataclass(frozen=True)
+class Config:
+    data: DataConfig = field(default_factory=DataConfig)
+    body: BodyConfig = field(default_factory=BodyConfig)
+    uv: UvConfig = field(default_factory=UvConfig)
+    generative: GenerativeConfig = field(default_factory=GenerativeConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    detail: DetailConfig = field(default_factory=DetailConfig)
+    collision: CollisionConfig = field(default_factory=CollisionConfig)
+    training: TrainingConfig = field(default_factory=TrainingConfig)
+    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+
+
+_POSITIVE = frozenset(
+    {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
+    | {
+        "rec_rank",
+        "batch",
+        "gru",
+        "window",
+        "lanes",
+        "features",
+        "learning_rate",
+        "eps",
+        "log_every",
+        "chunk",
+    }
+)
+# These say how a run is watched or used, not what it learns: a resumed run may change them.
+_RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.")
+
+
+def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
+    """Read a TOML file, then apply overrides `--SECTION.KEY VALUE` (or `--SECTION.KEY=VALUE`).
+
+    Tuples are comma-separated in an override. ValueError names an unknown key (with the known
+    ones), a wrong type, a value out of range or a file that is not TOML; FileNotFoundError a
+    missing file.
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"No configuration file {str(path)!r}; the examples are in configs/.")
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not valid TOML: {error}; correct that line.") from error
+    return apply_overrides(from_dict(table, source=str(path)), overrides)
+
+
+def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") -> Config:
+    """Build a checked Config from nested dicts as TOML or JSON give them (inverse of `to_dict`)."""
+    sections = get_type_hints(Config)
+    _refuse_unknown(table, sections, kind="section", source=source)
+    built = {}
+    for name, entries in table.items():
+        if not isinstance(entries, Mapping):
+            raise ValueError(
+                f"{source}: {name} = {entries!r} is a section; write [{name}] with keys under it."
+            )
+        hints = get_type_hints(sections[name])
+        _refuse_unknown(entries, hints, kind=f"key in [{name}]", source=source)
+        values = {key: _checked(f"{name}.{key}", hints[key], value, source) for key, value in entries.items()}
+        built[name] = sections[name](**values)
+    return Config(**built)
+
+
+def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
+    """A copy of `config` with the command line's `--SECTION.KEY VALUE` pairs put in; ValueError as above."""
+    source, sections, words = "command line", get_type_hints(Config), list(overrides)
+    while words:
+        option = words.pop(0)
+        name, equals, text = option.removeprefix("--").partition("=")
+        section, dot, key = name.partition(".")
+        if not option.startswith("--") or not dot:
+            raise ValueError(f"{source}: {option!r} is not an override; write --SECTION.KEY VALUE.")
+        if not equals and not words:
+            raise ValueError(f"{source}: {option} has no value; write {option} VALUE.")
+        _refuse_unknown([section], sections, kind="section", source=source)
+        hints = get_type_hints(sections[section])
+        _refuse_unknown([key], hints, kind=f"key in [{section}]", source=source)
+        text = text if equals else words.pop(0)
+        value = _checked(name, hints[key], _parse(hints[key], text), source)
+        config = dataclasses.replace(
+            config, **{section: dataclasses.replace(getattr(config, section), **{key: value})}
+        )
+    return config
+
+
+def to_dict(config: Config) -> dict[str, dict[str, Any]]:
+    """Nested dicts of JSON and TOML types: tuples become lists, None becomes "none"."""
+    return json.loads(json.dumps(dataclasses.asdict(config)), object_hook=_spell_none)
+
+
+def to_toml(config: Config) -> str:
+    """The whole configuration as TOML; `tomllib.loads` then `from_dict` gives an equal one."""
+    blocks = []
+    for name, entries in to_dict(config).items():
+        # JSON's numbers, strings, booleans and lists are TOML's (finite numbers only, checked on entry).
+        lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in entries.items()]
+        blocks.append("\n".join([f"[{name}]", *lines]))
+    return "\n\n".join(blocks) + "\n"
+
+
+def content_hash(config: Config) -> str:
+    """The first 16 hex digits of the SHA-256 over all values, independent of key order."""
+    return hashlib.sha256(json.dumps(to_dict(config), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """(SECTION.KEY, old value, new value) of two `to_dict` results that would change what is learnt."""
+    keys = [(s, k) for s in {**old, **new} for k in {**old.get(s, {}), **new.get(s, {})}]
+    pairs = [(f"{s}.{k}", old.get(s, {}).get(k), new.get(s, {}).get(k)) for s, k in keys]
+    return [(name, a, b) for name, a, b in pairs if a != b and not name.startswith(_RESULT_FREE)]
+
+
+def _spell_none(entries: dict[str, Any]) -> dict[str, Any]:
+    return {key: "none" if value is None else value for key, value in entries.items()}
+
+
+def _refuse_unknown(names: Any, known: Mapping[str, Any], *, kind: str, source: str) -> None:
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise ValueError(f"{source}: unknown {kind} {name!r}; known are {', '.join(known)}.{hint}")
+
+
+def _is_union(hint: Any) -> bool:
+    return get_origin(hint) in (Union, types.UnionType)
+
+
+def _parse(hint: Any, text: str) -> Any:
+    """The TOML value that a command-line word stands for, given the key's type."""
+    if _is_union(hint):
+        return None if text == "none" else _parse(_inner(hint), text)
+    if get_origin(hint) is tuple:
+        return [_parse(get_args(hint)[0], part.strip()) for part in text.split(",") if part.strip()]
+    if hint is str or get_origin(hint) is Literal:
+        return text
+    try:
+        return {"true": True, "false": False}[text] if hint is bool else hint(text)
+    except (KeyError, ValueError):
+        return text  # of the wrong type; _checked says so
+
+
+def _inner(hint: Any) -> Any:
+    return next(arg for arg in get_args(hint) if arg is not type(None))
+
+
+def _checked(name: str, hint: Any, value: Any, source: str) -> Any:
+    """`value` as the field's type (lists to tuples, integers to floats), or ValueError."""
+    if _is_union(hint):
+        return None if value in (None, "none") else _checked(name, _inner(hint), value, source)
+    if get_origin(hint) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{source}: {name} = {value!r} must be a list; write [{value!r}].")
+        return tuple(_checked(name, get_args(hint)[0], item, source) for item in value)
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            choices = ", ".join(map(repr, get_args(hint)))
+            raise ValueError(f"{source}: {name} = {value!r} is not one of {choices}.")
+        return value
+    if hint is float and type(value) is int:
+        value = float(value)
+    if type(value) is not hint:
+        kind = {int: "a whole number", float: "a number", bool: "true or false", str: "a string"}[hint]
+        raise ValueError(f"{source}: {name} = {value!r} must be {kind}.")
+    return _in_range(name, value, source) if hint in (int, float) else value
+
+
+def _in_range(name: str, value: float, source: str) -> float:
+    positive = name.partition(".")[2] in _POSITIVE
+    if not math.isfinite(value) or value < 0 or (positive and value == 0):
+        bound = "greater than 0" if positive else "0 or greater"
+        raise ValueError(f"{source}: {name} = {value!r} must be a finite number, {bound}.")
+    return value
