@@ -120,18 +120,8 @@ class Config:
 
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
-    | {
-        "rec_rank",
-        "batch",
-        "gru",
-        "window",
-        "lanes",
-        "features",
-        "learning_rate",
-        "eps",
-        "log_every",
-        "chunk",
-    }
+    | {"rec_rank", "batch", "gru", "window", "lanes", "features", "learning_rate", "eps"}
+    | {"log_every", "chunk"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them.
 _RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.")
