@@ -1,0 +1,38 @@
+"""Content hashes: which garment and which body a file or a checkpoint belongs to."""
+
+import hashlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from garment_jax.structs import Garment, RiggedBody, Scene
+
+
+def garment_hash(garment: Garment) -> str:
+    """Return 16 hexadecimal digits of the SHA-256 of template, faces and UVs."""
+    return _digest(garment._asdict().items())
+
+
+def body_hash(body: RiggedBody) -> str:
+    """Return 16 hexadecimal digits of the SHA-256 of mesh, skeleton and skin weights."""
+    return _digest(body._asdict().items())
+
+
+def scene_hash(scene: Scene) -> str:
+    """Return 16 hexadecimal digits that change when the garment or the body does."""
+    text = garment_hash(scene.garment) + body_hash(scene.body)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _digest(items: Iterable[tuple[str, object]]) -> str:
+    """Hash names, shapes and values in fixed types: int64 and int32 copies of a mesh are the same mesh."""
+    digest = hashlib.sha256()
+    for name, value in items:
+        array = np.asarray(value)
+        if array.dtype.kind == "U":
+            data = "\n".join(array.tolist()).encode()
+        else:
+            data = np.ascontiguousarray(array.astype("<f4" if array.dtype.kind == "f" else "<i4")).tobytes()
+        digest.update(f"{name}{array.shape}".encode())
+        digest.update(data)
+    return digest.hexdigest()[:16]

@@ -1,0 +1,200 @@
+"""The layout of a sequence file: every dataset's name, type and shape, and the checks on them.
+
+`docs/formats.md` is the same table for readers outside Python. A letter stands for a size that must be
+the same wherever it appears: t frames, n garment vertices, f garment faces, u texture vertices, b body
+vertices, g body faces, j joints, c collider vertices, d collider faces, k cap vertices, p pins.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.structs import Collider, Garment, Motion, Pins, RiggedBody, Scene
+
+SCHEMA_VERSION = 1
+
+
+class Field(NamedTuple):
+    """One dataset of the file."""
+
+    name: str
+    dtype: str  # NumPy's letter; "U" is text
+    shape: tuple[str | int, ...]
+    below: str = ""  # letter of the size that bounds an index
+
+
+GARMENT = (
+    Field("template", "f4", ("n", 3)),
+    Field("faces", "i4", ("f", 3), "n"),
+    Field("uv", "f4", ("u", 2)),
+    Field("faces_uv", "i4", ("f", 3), "u"),
+)
+BODY = (
+    Field("body/vertices", "f4", ("b", 3)),
+    Field("body/faces", "i4", ("g", 3), "b"),
+    Field("body/joints", "f4", ("j", 3)),
+    Field("body/parents", "i4", ("j",)),
+    Field("body/joint_names", "U", ("j",)),
+    Field("body/skin_weights", "f4", ("b", "j")),
+)
+COLLIDER = (
+    Field("collider/body_vertices", "i4", ("c",), "b"),
+    Field("collider/cap_loop", "i4", ("k",), "b"),
+    Field("collider/faces", "i4", ("d", 3)),
+)
+PINS = (
+    Field("pins/vertices", "i4", ("p",), "n"),
+    Field("pins/weights", "f4", ("p", "j")),
+)
+MOTION = (
+    Field("rotations", "f4", ("t", "j", 3, 3)),
+    Field("root", "f8", ("t", 3)),
+)
+REQUIRED = GARMENT + BODY + MOTION
+
+
+def fields_of(present: Iterable[str]) -> tuple[Field, ...]:
+    """Return the fields that a file with these dataset names must have: a group is whole or absent."""
+    groups = {name.split("/")[0] for name in present}
+    fields = REQUIRED
+    fields += COLLIDER if "collider" in groups else ()
+    return fields + (PINS if "pins" in groups else ())
+
+
+def to_arrays(scene: Scene, motion: Motion) -> dict[str, np.ndarray]:
+    """Return the file's datasets, without the vertices, by name and in the file's types."""
+    structs = {"": scene.garment, "body/": scene.body, "collider/": scene.collider, "pins/": scene.pins}
+    arrays = {
+        prefix + key: np.asarray(value)
+        for prefix, struct in structs.items()
+        if struct is not None
+        for key, value in struct._asdict().items()
+    }
+    arrays |= {"rotations": np.asarray(motion.rotations), "root": np.asarray(motion.root)}
+    return {field.name: arrays[field.name].astype(field.dtype) for field in fields_of(arrays)}
+
+
+def to_scene(arrays: Mapping[str, np.ndarray]) -> Scene:
+    """Return the scene held by a file's datasets; the inverse of `to_arrays`."""
+
+    def group(fields: tuple[Field, ...]) -> list:
+        return [arrays[field.name] for field in fields]
+
+    body = RiggedBody(*group(BODY))
+    body = body._replace(joint_names=tuple(str(name) for name in body.joint_names))
+    collider = Collider(*group(COLLIDER)) if "collider/faces" in arrays else None
+    pins = Pins(*group(PINS)) if "pins/vertices" in arrays else None
+    return Scene(Garment(*group(GARMENT)), body, collider, pins)
+
+
+def check_arrays(arrays: Mapping[str, np.ndarray], where: str) -> dict[str, int]:
+    """Return the sizes by letter, or raise ValueError (naming `where`) if the datasets do not agree."""
+    _check_present(arrays, where)
+    sizes: dict[str, int] = {}
+    origin: dict[str, str] = {}
+    for field in fields_of(arrays):
+        bind_shape(field, arrays[field.name].shape, sizes, origin, where)
+    _check_not_empty(sizes, where)
+    for field in fields_of(arrays):
+        if field.below:
+            _check_range(field.name, arrays[field.name], sizes[field.below], where)
+        if field.dtype.startswith("f"):
+            _check_finite(field.name, arrays[field.name], where)
+    _check_collider_faces(arrays, sizes, where)
+    _check_skeleton(arrays, where)
+    _check_uv(arrays["uv"], where)
+    return sizes
+
+
+def bind_shape(
+    field: Field, shape: tuple[int, ...], sizes: dict[str, int], origin: dict[str, str], where: str
+) -> None:
+    """Check `shape` against the field's and record the letters' sizes seen for the first time."""
+    if len(shape) != len(field.shape):
+        raise ValueError(f"{where}: `{field.name}` has shape {shape}, expected {_spell(field.shape)}.")
+    for expected, size in zip(field.shape, shape, strict=True):
+        if isinstance(expected, int) and size != expected:
+            raise ValueError(f"{where}: `{field.name}` has shape {shape}, expected {_spell(field.shape)}.")
+        if isinstance(expected, str) and sizes.setdefault(expected, size) != size:
+            raise ValueError(
+                f"{where}: `{field.name}` has shape {shape}, but `{origin[expected]}` says "
+                f"{expected} = {sizes[expected]}; write both from the same mesh and clip."
+            )
+        if isinstance(expected, str):
+            origin.setdefault(expected, field.name)
+
+
+def _spell(shape: tuple[str | int, ...]) -> str:
+    return "[" + ", ".join(str(size) for size in shape) + "]"
+
+
+def _check_present(arrays: Mapping[str, np.ndarray], where: str) -> None:
+    missing = [field.name for field in fields_of(arrays) if field.name not in arrays]
+    if {"uv", "faces_uv"} & set(missing) or not len(arrays["uv"]):
+        raise ValueError(
+            f"{where}: the template has no UVs (`uv` and `faces_uv`); unwrap it and export it with UVs."
+        )
+    if missing:
+        raise ValueError(
+            f"{where}: dataset `{missing[0]}` is missing; a sequence file needs "
+            f"{', '.join(field.name for field in fields_of(arrays))}."
+        )
+
+
+def _check_not_empty(sizes: dict[str, int], where: str) -> None:
+    names = {
+        "t": "frames",
+        "n": "garment vertices",
+        "f": "garment faces",
+        "b": "body vertices",
+        "j": "joints",
+    }
+    for letter, name in names.items():
+        if not sizes[letter]:
+            raise ValueError(f"{where}: there are 0 {name}; export the clip again with {name}.")
+
+
+def _check_range(name: str, indices: np.ndarray, size: int, where: str) -> None:
+    if not len(indices):
+        return
+    low, high = int(indices.min()), int(indices.max())
+    if low < 0 or high >= size:
+        raise ValueError(
+            f"{where}: `{name}` holds index {low if low < 0 else high}, outside 0 … {size - 1}; "
+            "indices count from 0 and belong to the mesh in the same file."
+        )
+
+
+def _check_finite(name: str, values: np.ndarray, where: str) -> None:
+    finite = np.isfinite(values)
+    if not finite.all():
+        row = int(np.argwhere(~finite)[0][0])
+        raise ValueError(f"{where}: `{name}` is not finite in row {row}; export the clip again.")
+
+
+def _check_collider_faces(arrays: Mapping[str, np.ndarray], sizes: dict[str, int], where: str) -> None:
+    if "c" in sizes:
+        cap = 1 if sizes["k"] else 0
+        _check_range("collider/faces", arrays["collider/faces"], sizes["c"] + cap, where)
+
+
+def _check_skeleton(arrays: Mapping[str, np.ndarray], where: str) -> None:
+    parents = arrays["body/parents"]
+    if parents[0] != -1 or not np.all((parents[1:] >= 0) & (parents[1:] < np.arange(1, len(parents)))):
+        raise ValueError(
+            f"{where}: `body/parents` is {parents.tolist()}; joint 0 must be the root (-1) and every "
+            "parent must come before its children."
+        )
+    for name in ("body/skin_weights", "pins/weights"):
+        if name in arrays and len(arrays[name]):
+            total = arrays[name].sum(axis=1)
+            worst = float(total[np.abs(total - 1).argmax()])
+            if abs(worst - 1) > 1e-3:
+                raise ValueError(f"{where}: a row of `{name}` sums to {worst:.4g}; normalise rows to 1.")
+
+
+def _check_uv(uv: np.ndarray, where: str) -> None:
+    low, high = float(uv.min()), float(uv.max())
+    if low < -1e-4 or high > 1 + 1e-4:
+        raise ValueError(f"{where}: `uv` runs from {low:.3g} to {high:.3g}; scale it into 0 … 1.")

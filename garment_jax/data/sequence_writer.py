@@ -1,0 +1,186 @@
+"""Writing a sequence file: frames are appended as they are made, the file appears when it is whole."""
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import h5py
+import numpy as np
+
+from garment_jax.data import layout
+from garment_jax.data.content_hash import scene_hash
+from garment_jax.structs import Motion, Scene
+
+DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
+_CHUNK_BYTES = 262_144  # a few hundred kB: one window is a few chunks, one frame never costs a clip
+
+
+class SequenceWriter:
+    """Writes a clip frame by frame; use it in a `with` statement.
+
+    `with SequenceWriter(path, scene, motion) as w: w.append(V)` with `V` `[k, n, 3]` in world metres, in
+    order, until exactly the motion's frames are written. The file is built under a temporary name and
+    renamed at the end; on any error nothing is left and an older file stays as it was.
+
+    `encoding="int16"` stores positions relative to the motion's root in steps of `scale` metres and
+    refuses what is out of reach; "float32" stores world metres. `attributes` are free (name, source,
+    split, kind = "simulated" or "predicted", …).
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        scene: Scene,
+        motion: Motion,
+        *,
+        encoding: Literal["int16", "float32"] = "int16",
+        scale: float = DEFAULT_SCALE,
+        attributes: dict | None = None,
+    ) -> None:
+        self.path = Path(path)
+        if encoding not in ("int16", "float32"):
+            raise ValueError(f"encoding={encoding!r} is unknown; choose 'int16' or 'float32'.")
+        if not 0 < scale < 1:
+            raise ValueError(f"scale={scale} metres per step is out of range; {DEFAULT_SCALE} is usual.")
+        if not 0 < motion.fps < 10_000:
+            raise ValueError(f"{self.path}: fps is {motion.fps!r}; give the motion its true frame rate.")
+        self._arrays = layout.to_arrays(scene, motion)
+        self._sizes = layout.check_arrays(self._arrays, str(self.path))
+        self._scale = scale if encoding == "int16" else None
+        self._attributes = {"kind": "simulated", "name": self.path.stem} | (attributes or {})
+        self._attributes |= {
+            "schema_version": layout.SCHEMA_VERSION,
+            "fps": float(motion.fps),
+            "length_unit": "m",
+            "up_axis": "Y",
+            "scene_hash": scene_hash(scene),
+        }
+        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self._written = 0
+
+    def append(self, vertices: np.ndarray) -> None:
+        """Write the next frames, `[k, n, 3]` (or one, `[n, 3]`) world metres.
+
+        Raises ValueError for a wrong shape, too many frames, values that are not finite or out of
+        int16's reach; OSError when the disk is full.
+        """
+        vertices = np.asarray(vertices)
+        vertices = vertices[None] if vertices.ndim == 2 else vertices
+        start, stop = self._written, self._written + len(vertices)
+        self._check_frames(vertices, start, stop)
+        stored = vertices if self._scale is None else self._quantise(vertices, start, stop)
+        try:
+            self._vertices[start:stop] = stored
+        except (OSError, RuntimeError) as error:
+            raise self._disk_error(error) from error
+        self._written = stop
+
+    def add_per_frame(self, name: str, values: np.ndarray) -> None:
+        """Write further values of every frame, `[t, ...]`, as dataset `extra/name`."""
+        values = np.asarray(values)
+        if len(values) != self._sizes["t"]:
+            raise ValueError(f"{self.path}: {name!r} has {len(values)} frames, the clip {self._sizes['t']}.")
+        try:
+            self._file.create_dataset(f"extra/{name}", data=values, compression="gzip", shuffle=True)
+        except (OSError, RuntimeError) as error:
+            raise self._disk_error(error) from error
+
+    def __enter__(self) -> Self:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = h5py.File(self._temporary, "w")
+            self._file.attrs.update(self._attributes)
+            self._vertices = self._create_vertices()
+            for name, array in self._arrays.items():
+                data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
+                self._file.create_dataset(name, data=data, **_packing(array))
+        except (OSError, RuntimeError) as error:
+            self._discard()
+            raise self._disk_error(error) from error
+        except BaseException:
+            self._discard()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is not None:
+            self._discard()
+            return
+        if self._written != self._sizes["t"]:
+            self._discard()
+            raise ValueError(
+                f"{self.path}: {self._written} frames written of {self._sizes['t']} in the motion; nothing "
+                "was saved, write as many frames as the motion has."
+            )
+        try:
+            self._file.close()
+            os.replace(self._temporary, self.path)
+        except (OSError, RuntimeError) as failure:
+            self._discard()
+            raise self._disk_error(failure) from failure
+
+    def _create_vertices(self) -> h5py.Dataset:
+        t, n = self._sizes["t"], self._sizes["n"]
+        dtype = np.dtype("f4" if self._scale is None else "i2")
+        frames = max(1, min(t, _CHUNK_BYTES // (n * 3 * dtype.itemsize)))
+        dataset = self._file.create_dataset(
+            "vertices", (t, n, 3), dtype, chunks=(frames, n, 3), compression="gzip", shuffle=True
+        )
+        if self._scale is not None:
+            dataset.attrs["scale"] = self._scale
+        return dataset
+
+    def _check_frames(self, vertices: np.ndarray, start: int, stop: int) -> None:
+        t, n = self._sizes["t"], self._sizes["n"]
+        if vertices.ndim != 3 or vertices.shape[1:] != (n, 3):
+            raise ValueError(f"{self.path}: vertices have shape {vertices.shape}, expected [k, {n}, 3].")
+        if stop > t:
+            raise ValueError(f"{self.path}: frame {stop - 1} written, but the motion has {t} frames.")
+        bad = ~np.isfinite(vertices).all(axis=(1, 2))
+        if bad.any():
+            raise ValueError(
+                f"{self.path}: vertices of frame {start + int(bad.argmax())} are not finite; nothing was "
+                "saved, a clip must be finite throughout."
+            )
+
+    def _quantise(self, vertices: np.ndarray, start: int, stop: int) -> np.ndarray:
+        relative = vertices - self._arrays["root"][start:stop, None]
+        steps = np.rint(relative / self._scale)
+        if np.abs(steps).max() > 32_767:
+            far = float(np.abs(relative).max())
+            raise ValueError(
+                f"{self.path}: a vertex is {far:.3f} m from the root, int16 at scale={self._scale} reaches "
+                f"{32_767 * self._scale:.3f} m; give encoding='float32' or a larger scale."
+            )
+        return steps.astype(np.int16)
+
+    def _discard(self) -> None:
+        """Close and delete the temporary file; a close that fails (full disk) must not hide the cause."""
+        try:
+            self._file.close()
+        except (AttributeError, OSError, RuntimeError):
+            pass
+        self._temporary.unlink(missing_ok=True)
+
+    def _disk_error(self, error: Exception) -> OSError:
+        return OSError(f"{self.path} could not be written ({_reason(error)}); nothing was saved.")
+
+
+def _packing(array: np.ndarray) -> dict:
+    """Compress what is worth it; an empty dataset cannot be chunked."""
+    return {"compression": "gzip", "shuffle": True} if array.size > 64 and array.dtype.kind != "U" else {}
+
+
+def _reason(error: Exception) -> str:
+    """HDF5 reports errno in a long text; keep the part that a person needs."""
+    text = f"{error}"
+    for errno, sentence in ((28, "no space left on the disk"), (27, "file too large for this disk")):
+        if f"errno = {errno}" in text or getattr(error, "errno", None) == errno:
+            return f"{sentence}, free some or choose another folder"
+    return text.splitlines()[0]
