@@ -1,0 +1,1 @@
+"""Metrics with their units, the evaluate command, and pictures."""

@@ -1,0 +1,74 @@
+"""Which two sequence files may be compared: same garment, same motion, finite vertices."""
+
+import numpy as np
+
+from garment_jax.data.sequence import Sequence
+
+ROOT_TOLERANCE = 1e-3  # metres
+ROTATION_TOLERANCE = 1e-3  # entries of a rotation matrix, about 0.06 degrees
+
+
+def check_pair(pred: Sequence, truth: Sequence) -> None:
+    """Raise `ValueError` naming the first thing in which `pred` and `truth` differ."""
+    _check_garment(pred, truth)
+    if pred.frames != truth.frames:
+        raise ValueError(
+            f"{pred.name} has {pred.frames} frames but {truth.name} has {truth.frames}; "
+            "predict with the truth file as the motion."
+        )
+    if not np.isclose(pred.fps, truth.fps):
+        raise ValueError(
+            f"{pred.name} runs at {pred.fps:g} fps but {truth.name} at {truth.fps:g}; "
+            "resample one of them to the other's rate."
+        )
+    _check_motion(pred, truth)
+
+
+def _check_garment(pred: Sequence, truth: Sequence) -> None:
+    ours, theirs = pred.scene.garment, truth.scene.garment
+    if len(ours.template) != len(theirs.template):
+        raise ValueError(
+            f"{pred.name} has {len(ours.template)} vertices but {truth.name} has "
+            f"{len(theirs.template)}; compare clips of one garment."
+        )
+    if not np.array_equal(ours.faces, theirs.faces):
+        different = "count" if ours.faces.shape != theirs.faces.shape else "vertices"
+        raise ValueError(
+            f"the faces of {pred.name} ({len(ours.faces)}) and {truth.name} ({len(theirs.faces)}) differ "
+            f"in {different}; import both with the same template."
+        )
+
+
+def _check_motion(pred: Sequence, truth: Sequence) -> None:
+    ours, theirs = pred.motion, truth.motion
+    if ours.rotations.shape != theirs.rotations.shape:
+        raise ValueError(
+            f"{pred.name} has {ours.rotations.shape[1]} joints but {truth.name} has "
+            f"{theirs.rotations.shape[1]}; compare clips of one body."
+        )
+    away = np.abs(ours.root - theirs.root).max(axis=-1)
+    turned = np.abs(ours.rotations - theirs.rotations).max(axis=(1, 2, 3))
+    bad = (away > ROOT_TOLERANCE) | (turned > ROTATION_TOLERANCE)
+    if bad.any():
+        frame = int(np.argmax(bad))
+        raise ValueError(
+            f"the motions of {pred.name} and {truth.name} differ at frame {frame} (root by "
+            f"{100 * float(away[frame]):.2f} cm, rotations by {float(turned[frame]):.3f}); "
+            "predict with the truth file as the motion."
+        )
+
+
+def read_finite(clip: Sequence, start: int, stop: int) -> np.ndarray:
+    """Return the clip's vertices `[k, n, 3]` of frames start to stop, world metres, all finite.
+
+    Raises `ValueError` with the clip, frame and vertex of the first value that is not.
+    """
+    V = clip.read(start, stop)
+    finite = np.isfinite(V).all(axis=-1)
+    if not finite.all():
+        frame, vertex = np.argwhere(~finite)[0]
+        raise ValueError(
+            f"{clip.name}: vertex {vertex} of frame {start + frame} is not finite; "
+            "the clip is damaged or the rollout diverged, make it again."
+        )
+    return V

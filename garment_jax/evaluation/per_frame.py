@@ -1,0 +1,89 @@
+"""The figures of single frames: those that cost little, and those of sampled frames."""
+
+import numpy as np
+
+from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.data.sequence import Sequence
+from garment_jax.evaluation import cloth, drift, sted
+from garment_jax.evaluation.hausdorff import hausdorff_frame
+from garment_jax.evaluation.penetration import TOLERANCE_MM, penetration, signed_distance
+from garment_jax.evaluation.rmse import vertex_distance
+from garment_jax.evaluation.self_intersections import self_intersections
+from garment_jax.evaluation.clip_tables import Tables
+
+Columns = dict[str, np.ndarray]  # name with unit -> one value a frame
+
+
+def every_frame(V: np.ndarray, V_star: np.ndarray, tables: Tables) -> Columns:
+    distance = vertex_distance(V, V_star)
+    figures = {
+        "rmse_cm": np.sqrt((distance**2).mean(axis=1)),
+        "mean_distance_cm": distance.mean(axis=1),
+        "max_distance_cm": distance.max(axis=1),
+        "sted_spatial": sted.spatial_part(V, V_star, tables.edges).mean(axis=1),
+    }
+    for prefix, x in (("", V), ("truth_", V_star)):
+        stretch = cloth.edge_strain(x, tables.edges, tables.rest)
+        figures[f"{prefix}strain_mean_percent"] = stretch.mean(axis=1)
+        figures[f"{prefix}strain_p99_percent"] = np.percentile(stretch, 99, axis=1)
+        figures[f"{prefix}strain_max_percent"] = stretch.max(axis=1)
+        figures[f"{prefix}laplacian_power_cm2"] = cloth.laplacian_power(x, tables.spectrum)
+        figures[f"{prefix}laplacian_power_with_boundary_cm2"] = cloth.whole_laplacian_power(
+            x, tables.spectrum
+        )
+        for i, band in enumerate(cloth.band_power(x, tables.spectrum), start=1):
+            figures[f"{prefix}laplacian_band_{i}_cm2"] = band
+        if len(tables.hem):
+            figures[f"{prefix}hem_height_cm"] = 100.0 * x[:, tables.hem, 1].mean(axis=1)
+    return figures
+
+
+def skinned_template_error(q: Sequence, V_star: np.ndarray, tables: Tables, frames: slice) -> Columns:
+    """The error of the rigidly skinned template, which the drift is measured against."""
+    posed = drift.skinned_template(q.scene, q.motion, tables.weights, frames)
+    distance = vertex_distance(posed - q.motion.root[frames, None].astype(np.float64), V_star)
+    return {"skinned_template_rmse_cm": np.sqrt((distance**2).mean(axis=1))}
+
+
+def sampled_frames(
+    V: np.ndarray, V_star: np.ndarray, q: Sequence, tables: Tables, start: int, every: int
+) -> Columns:
+    frames = np.arange(start, start + len(V))
+    frames = frames[frames % every == 0]
+    rows: dict[str, list[float]] = {"frame": []}
+    solids = _solids(q, tables, frames)
+    for k, frame in enumerate(frames):
+        v, v_star = V[frame - start], V_star[frame - start]
+        row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
+        for prefix, x in (("", v), ("truth_", v_star)):
+            row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
+            row |= {prefix + name: value for name, value in _inside(x, q, tables, solids, k).items()}
+        for name, value in row.items():
+            rows.setdefault(name, []).append(value)
+    return {name: np.asarray(values) for name, values in rows.items()} if len(frames) else {}
+
+
+def _solids(q: Sequence, tables: Tables, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the posed body and collider `[k, ., 3]` relative to the root, or None without collider."""
+    if q.scene.collider is None or tables.collider is None or not len(frames):
+        return None
+    body = pose_body(q.scene.body, q.motion, frames).astype(np.float64)
+    body -= q.motion.root[frames, None]
+    return body, collider_points(q.scene.collider, body)
+
+
+def _inside(
+    v: np.ndarray, q: Sequence, tables: Tables, solids: tuple[np.ndarray, np.ndarray] | None, k: int
+) -> dict[str, float]:
+    """Return one frame's penetration of the collider and, apart, of the rest of the body."""
+    if solids is None or q.scene.collider is None or tables.collider is None:
+        return {}
+    body, collider = solids
+    d = signed_distance(v, collider[k], q.scene.collider.faces, tables.collider)
+    in_collider = penetration(d)
+    row = {"inside_percent": in_collider.inside_percent, "deepest_mm": in_collider.deepest_mm}
+    if tables.body is not None:
+        whole = signed_distance(v, body[k], q.scene.body.faces, tables.body)
+        rest = penetration(np.where(d < -TOLERANCE_MM / 1000.0, np.inf, whole))
+        row |= {"arms_inside_percent": rest.inside_percent, "arms_deepest_mm": rest.deepest_mm}
+    return row

@@ -1,0 +1,57 @@
+"""Evaluation results as a Markdown table."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from garment_jax.evaluation.summary import mean_metrics
+
+COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
+    ("RMSE cm", "rmse_cm", ".2f"),
+    ("mean dist. cm", "mean_distance_cm", ".2f"),
+    ("Hausdorff cm", "hausdorff_cm", ".2f"),
+    ("STED", "sted", ".4f"),
+    ("drift ratio", "drift_ratio", ".2f"),
+    ("inside %", "inside_percent", ".2f"),
+    ("deepest mm", "deepest_mm", ".1f"),
+    ("self-int. edges", "self_intersecting_edges", ".1f"),
+    ("of truth", "truth_self_intersecting_edges", ".1f"),
+    ("hem height diff. cm", "hem_height_difference_cm", "+.2f"),
+    ("hem motion ÷ truth", "hem_motion_std_ratio", ".2f"),
+    ("strain %", "strain_mean_percent", ".2f"),
+    ("of truth %", "truth_strain_mean_percent", ".2f"),
+    ("Laplacian power ÷ truth", "laplacian_power_ratio", ".2f"),
+)
+
+
+def format_table(results: dict[str, Any] | Sequence[dict[str, Any]]) -> str:
+    """Return a Markdown table of one or several `evaluate_files` results, a clip a row.
+
+    Several clips get a row with their mean. A dash stands for a metric that does not apply.
+    """
+    rows = [results] if isinstance(results, dict) else list(results)
+    lines = [
+        "| clip | frames | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
+        "|---|" + "---:|" * (len(COLUMNS) + 1),
+    ]
+    lines += [_row(str(r["clip"]), str(r["frames"]), r["metrics"]) for r in rows]
+    if len(rows) > 1:
+        total = sum(r["frames"] for r in rows)
+        lines.append(_row(f"mean of {len(rows)}", str(total), mean_metrics(rows)))
+    return "\n".join(lines) + "\n" + _footnote(rows[0]["settings"])
+
+
+def _row(clip: str, frames: str, metrics: dict[str, float | None]) -> str:
+    cells = [_cell(metrics.get(name), form) for _, name, form in COLUMNS]
+    return f"| {clip} | {frames} | " + " | ".join(cells) + " |"
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)
+
+
+def _footnote(settings: dict[str, Any]) -> str:
+    return (
+        f"\nSTED over the {settings['sted_neighbourhood']}, window {settings['sted_window_frames']} frames, "
+        f"c = {settings['sted_c']:g}. Hausdorff, inside, deepest and self-intersections on every "
+        f"{settings['every']}. frame; inside = more than {settings['penetration_tolerance_mm']:g} mm deep.\n"
+    )
