@@ -7,9 +7,11 @@ from typing import Literal, Self
 
 import h5py
 import numpy as np
+from numpy.typing import ArrayLike
 
 from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.guarded_file import GuardedFile
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
@@ -59,45 +61,43 @@ class SequenceWriter:
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
         self._written = 0
 
-    def append(self, vertices: np.ndarray) -> None:
+    def append(self, vertices: ArrayLike) -> None:
         """Write the next frames, `[k, n, 3]` (or one, `[n, 3]`) world metres.
 
         Raises ValueError for a wrong shape, too many frames, values that are not finite or out of
         int16's reach; OSError when the disk is full.
         """
-        vertices = np.asarray(vertices)
-        vertices = vertices[None] if vertices.ndim == 2 else vertices
-        start, stop = self._written, self._written + len(vertices)
-        self._check_frames(vertices, start, stop)
-        stored = vertices if self._scale is None else self._quantise(vertices, start, stop)
-        try:
-            self._vertices[start:stop] = stored
-        except (OSError, RuntimeError) as error:
-            raise self._disk_error(error) from error
+        given = np.asarray(vertices)
+        given = given[None] if given.ndim == 2 else given
+        start, stop = self._written, self._written + len(given)
+        self._check_frames(given, start, stop)
+        stored = given if self._scale is None else self._quantise(given, start, stop, self._scale)
+        self._vertices[start:stop] = stored
+        self._check_disk()
         self._written = stop
 
-    def add_per_frame(self, name: str, values: np.ndarray) -> None:
+    def add_per_frame(self, name: str, values: ArrayLike) -> None:
         """Write further values of every frame, `[t, ...]`, as dataset `extra/name`."""
-        values = np.asarray(values)
-        if len(values) != self._sizes["t"]:
-            raise ValueError(f"{self.path}: {name!r} has {len(values)} frames, the clip {self._sizes['t']}.")
-        try:
-            self._file.create_dataset(f"extra/{name}", data=values, compression="gzip", shuffle=True)
-        except (OSError, RuntimeError) as error:
-            raise self._disk_error(error) from error
+        array = np.asarray(values)
+        if len(array) != self._sizes["t"]:
+            raise ValueError(f"{self.path}: {name!r} has {len(array)} frames, the clip {self._sizes['t']}.")
+        self._file.create_dataset(f"extra/{name}", data=array, **_packing(array))
+        self._check_disk()
 
     def __enter__(self) -> Self:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = h5py.File(self._temporary, "w")
+            self._disk = GuardedFile(self._temporary)
+        except OSError as error:
+            raise OSError(f"{self.path} could not be written ({error.strerror}).") from error
+        self._file = h5py.File(self._disk, "w")
+        try:
             self._file.attrs.update(self._attributes)
             self._vertices = self._create_vertices()
             for name, array in self._arrays.items():
                 data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
                 self._file.create_dataset(name, data=data, **_packing(array))
-        except (OSError, RuntimeError) as error:
-            self._discard()
-            raise self._disk_error(error) from error
+            self._check_disk()
         except BaseException:
             self._discard()
             raise
@@ -112,18 +112,15 @@ class SequenceWriter:
         if error is not None:
             self._discard()
             return
-        if self._written != self._sizes["t"]:
-            self._discard()
-            raise ValueError(
-                f"{self.path}: {self._written} frames written of {self._sizes['t']} in the motion; nothing "
-                "was saved, write as many frames as the motion has."
-            )
         try:
+            self._check_complete()
             self._file.close()
+            self._disk.finish()
+            self._check_disk()
             os.replace(self._temporary, self.path)
-        except (OSError, RuntimeError) as failure:
+        except BaseException:
             self._discard()
-            raise self._disk_error(failure) from failure
+            raise
 
     def _create_vertices(self) -> h5py.Dataset:
         t, n = self._sizes["t"], self._sizes["n"]
@@ -149,38 +146,39 @@ class SequenceWriter:
                 "saved, a clip must be finite throughout."
             )
 
-    def _quantise(self, vertices: np.ndarray, start: int, stop: int) -> np.ndarray:
+    def _quantise(self, vertices: np.ndarray, start: int, stop: int, scale: float) -> np.ndarray:
         relative = vertices - self._arrays["root"][start:stop, None]
-        steps = np.rint(relative / self._scale)
+        steps = np.rint(relative / scale)
         if np.abs(steps).max() > 32_767:
             far = float(np.abs(relative).max())
             raise ValueError(
-                f"{self.path}: a vertex is {far:.3f} m from the root, int16 at scale={self._scale} reaches "
-                f"{32_767 * self._scale:.3f} m; give encoding='float32' or a larger scale."
+                f"{self.path}: a vertex is {far:.3f} m from the root, int16 at scale={scale} reaches "
+                f"{32_767 * scale:.3f} m; give encoding='float32' or a larger scale."
             )
         return steps.astype(np.int16)
 
-    def _discard(self) -> None:
-        """Close and delete the temporary file; a close that fails (full disk) must not hide the cause."""
-        try:
-            self._file.close()
-        except (AttributeError, OSError, RuntimeError):
-            pass
-        self._temporary.unlink(missing_ok=True)
+    def _check_complete(self) -> None:
+        if self._written != self._sizes["t"]:
+            raise ValueError(
+                f"{self.path}: {self._written} frames written of {self._sizes['t']} in the motion; nothing "
+                "was saved, write as many frames as the motion has."
+            )
 
-    def _disk_error(self, error: Exception) -> OSError:
-        return OSError(f"{self.path} could not be written ({_reason(error)}); nothing was saved.")
+    def _check_disk(self) -> None:
+        error = self._disk.error
+        if error is not None:
+            raise OSError(
+                f"{self.path} could not be written ({error.strerror}); nothing was saved, free some space or "
+                "choose another folder."
+            )
+
+    def _discard(self) -> None:
+        """Close and delete the temporary file."""
+        self._file.close()
+        self._disk.finish()
+        self._temporary.unlink(missing_ok=True)
 
 
 def _packing(array: np.ndarray) -> dict:
     """Compress what is worth it; an empty dataset cannot be chunked."""
     return {"compression": "gzip", "shuffle": True} if array.size > 64 and array.dtype.kind != "U" else {}
-
-
-def _reason(error: Exception) -> str:
-    """HDF5 reports errno in a long text; keep the part that a person needs."""
-    text = f"{error}"
-    for errno, sentence in ((28, "no space left on the disk"), (27, "file too large for this disk")):
-        if f"errno = {errno}" in text or getattr(error, "errno", None) == errno:
-            return f"{sentence}, free some or choose another folder"
-    return text.splitlines()[0]

@@ -5,6 +5,7 @@ into two legs. It has the avatar's 22 joints. The skirt is a cone grid with one 
 is deterministic; lengths in metres, Y up, facing +Z.
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -182,14 +183,14 @@ def _body_surface() -> tuple[np.ndarray, np.ndarray]:
     torso += [(0.97, 0.125, 0.09), (0.90, 0.15, 0.10), (0.83, 0.165, 0.11), (0.77, 0.165, 0.11)]
     rings = [add(_ring(y, 0.0, rx, rz)) for y, rx, rz in torso]
     close(rings[0], np.array([0.0, 1.40, 0.0]), top=True)
-    for upper, lower in zip(rings, rings[1:], strict=False):
+    for upper, lower in pairwise(rings):
         join(upper, lower)
     half = SIDES // 2
     between = np.array([[0.0, 0.74, z] for z in (-0.045, 0.0, 0.045)])  # from back to front
     bridge = add(between)
     crotch = rings[-1]
     left = crotch[: half + 1] + bridge  # front, round the left side to the back, and home below
-    right = crotch[half:] + [crotch[0]] + bridge[::-1]
+    right = [*crotch[half:], crotch[0], *bridge[::-1]]
     for sign, start in ((1, left), (-1, right)):
         last = start
         for y, x, r in ((0.66, 0.10, 0.085), (0.55, 0.115, 0.075), (0.45, 0.13, 0.06), (0.34, 0.137, 0.058)):

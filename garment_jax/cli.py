@@ -1,0 +1,134 @@
+"""`garment-jax COMMAND`: import, info, evaluate, render.
+
+Commands import what they need when they run, so that `--help` is quick. What a user can do wrong ends
+in one sentence and exit code 2.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from garment_jax import __version__
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; return the exit code (0, or 2 after a refusal)."""
+    options = make_parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader (head, less) has had enough; nothing is wrong
+        return 0
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="garment-jax", description="Dynamic garments learnt from simulation."
+    )
+    parser.add_argument("--version", action="version", version=f"garment-jax {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_import(commands)
+    _add_info(commands)
+    _add_evaluate(commands)
+    _add_render(commands)
+    return parser
+
+
+def _add_import(commands) -> None:
+    parser = commands.add_parser("import", help="turn packed clips into sequence files")
+    parser.add_argument("paths", nargs="+", type=Path, help="packed clips (.h5) or folders of them")
+    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/<split>/<name>.h5")
+    parser.add_argument("--body", type=Path, help="rigged body (.npz); default: what the clips name")
+    parser.set_defaults(run=_import)
+
+
+def _import(options: argparse.Namespace) -> None:
+    from garment_jax.data.importer import import_clips
+
+    show = partial(print, flush=True)
+    clips = import_clips(options.paths, options.out, body=options.body, progress=show)
+    new = sum(not clip.skipped for clip in clips)
+    frames = sum(clip.frames for clip in clips)
+    print(f"{options.out}: {len(clips)} clips, {frames} frames, {new} of them imported now")
+
+
+def _add_info(commands) -> None:
+    parser = commands.add_parser("info", help="say what is in a sequence file, a run or a model")
+    parser.add_argument("paths", nargs="+", type=Path, help="sequence files, run or model folders")
+    parser.add_argument("--json", action="store_true", help="machine-readable, one object per path")
+    parser.set_defaults(run=_info)
+
+
+def _info(options: argparse.Namespace) -> None:
+    from garment_jax.data.info import describe, format_description
+
+    facts = {str(path): describe(path) for path in options.paths}
+    if options.json:
+        print(json.dumps(facts, indent=2))
+    else:
+        print("\n\n".join(format_description(path, fact) for path, fact in facts.items()))
+
+
+def _add_evaluate(commands) -> None:
+    parser = commands.add_parser("evaluate", help="measure predictions against the truth")
+    parser.add_argument("pred", type=Path, help="predicted sequence file, or a folder of them")
+    parser.add_argument("truth", type=Path, help="simulated sequence file, or a folder with the same names")
+    parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")
+    parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
+    parser.add_argument("--out", type=Path, help="also save the JSON there")
+    parser.set_defaults(run=_evaluate)
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from garment_jax.evaluation.command import evaluate_files
+    from garment_jax.evaluation.table import format_table
+
+    pairs = _pair_files(options.pred, options.truth)
+    figures = [evaluate_files(pred, truth, every=options.every) for pred, truth in pairs]
+    text = json.dumps(figures if options.pred.is_dir() else figures[0])
+    if options.out is not None:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(text + "\n")
+    print(text if options.json else format_table(figures))
+
+
+def _pair_files(pred: Path, truth: Path) -> list[tuple[Path, Path]]:
+    """Pair two files, or every prediction in a folder with the truth of the same name."""
+    if pred.is_dir() != truth.is_dir():
+        raise ValueError(f"{pred} and {truth} are a file and a folder; give two files or two folders.")
+    if not pred.is_dir():
+        return [(pred, truth)]
+    pairs = [(path, truth / path.name) for path in sorted(pred.glob("*.h5"))]
+    if not pairs:
+        raise FileNotFoundError(f"{pred} holds no predictions (*.h5); run infer.py into it first.")
+    return pairs
+
+
+def _add_render(commands) -> None:
+    parser = commands.add_parser("render", help="draw contact sheets, error maps and animations")
+    parser.add_argument("paths", nargs="+", type=Path, help="sequence files of one clip, e.g. TRUTH PRED")
+    parser.add_argument("--out", required=True, type=Path, help="picture to write (.png)")
+    parser.add_argument("--frames", type=int, default=6, help="frames on the contact sheet (default 6)")
+    parser.add_argument("--animation", action="store_true", help="also write a short animation (.gif)")
+    parser.set_defaults(run=_render)
+
+
+def _render(options: argparse.Namespace) -> None:
+    from garment_jax.evaluation.render import render_files
+
+    if options.frames < 1:
+        raise ValueError(f"--frames {options.frames} draws nothing; give 1 or more.")
+    written = render_files(options.paths, options.out, frames=options.frames, animation=options.animation)
+    for path in written or [options.out]:
+        print(path)

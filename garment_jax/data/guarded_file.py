@@ -1,0 +1,70 @@
+"""A file for HDF5 to write to that survives a full disk.
+
+HDF5 1.14 and 2.0 cannot close a file whose writes fail: objects stay open and the process ends with a
+segmentation fault at exit. So the failure is kept from it: the first failed write is remembered here,
+all later ones are dropped, and the owner asks `error` before it calls the file good.
+"""
+
+import os
+from pathlib import Path
+
+
+class GuardedFile:
+    """The file interface that h5py's `fileobj` driver needs; new file, opened for reading and writing."""
+
+    def __init__(self, path: Path) -> None:
+        self.error: OSError | None = None
+        self._raw = open(path, "w+b", buffering=0)  # noqa: SIM115 - lives as long as the HDF5 file
+
+    def write(self, data: bytes | memoryview) -> int:
+        """Write all of `data`, or remember why that failed and claim that it worked."""
+        view = memoryview(data).cast("B")
+        done = 0
+        while done < len(view) and self.error is None:
+            try:
+                done += self._raw.write(view[done:]) or 0
+            except OSError as error:
+                self.error = error
+        if self.error is not None:
+            self._raw.seek(len(view) - done, os.SEEK_CUR)
+        return len(view)
+
+    def readinto(self, buffer: memoryview) -> int:
+        """Fill the whole `buffer`: what was dropped reads as zeros."""
+        view = memoryview(buffer).cast("B")
+        count = self._raw.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def read(self, size: int = -1) -> bytes:
+        return self._raw.read(size) or b""
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def truncate(self, size: int | None = None) -> int:
+        """Cut or extend the file; extending can fail like a write."""
+        if self.error is None:
+            try:
+                return self._raw.truncate(size)
+            except OSError as error:
+                self.error = error
+        return self._raw.tell() if size is None else size
+
+    def flush(self) -> None:
+        """Nothing is buffered here."""
+
+    def finish(self) -> None:
+        """Force everything to the disk and close; the error, if there was one, is in `error`."""
+        if self._raw.closed:
+            return
+        try:
+            if self.error is None:
+                os.fsync(self._raw.fileno())
+        except OSError as error:
+            self.error = error
+        finally:
+            self._raw.close()

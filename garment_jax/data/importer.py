@@ -1,0 +1,120 @@
+"""`garment-jax import`: clips packed for transport become sequence files, one at a time.
+
+A clip is decoded and written window by window, so that its length costs no memory; what has been
+imported already is recognised by the hash of its content.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+
+from garment_jax.data import layout
+from garment_jax.data.hdf5 import dataset, open_hdf5, plain
+from garment_jax.data.packed_clip import check_packed, check_pins, decode_steps, find_assets, read_scene
+from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.structs import Motion, Scene
+
+
+class ImportedClip(NamedTuple):
+    """What became of one packed clip."""
+
+    source: Path
+    path: Path
+    frames: int
+    skipped: bool  # it was there already, made from the same content
+
+
+def import_clips(
+    paths: Iterable[str | Path],
+    out: str | Path,
+    *,
+    body: str | Path | None = None,
+    progress: Callable[[str], None] = print,
+) -> list[ImportedClip]:
+    """Turn packed clips (files, or folders of `*.h5`) into `OUT/<split>/<name>.h5`, one at a time.
+
+    `body` is the rigged body's `.npz`; without it the clip's own `body` attribute is followed, from the
+    folder above the clip's. Its `collider.npz` is beside it, `pins.npz` beside the clip. A clip whose
+    content (with body, collider and pins) has been imported already is skipped. Raises ValueError or
+    OSError in one sentence; clips finished before the error stay.
+    """
+    sources = _list_clips(paths)
+    clips: list[ImportedClip] = []
+    for i, source in enumerate(sources):
+        begin = time.perf_counter()
+        clip = import_clip(source, out, body=body, taken=[done.path for done in clips])
+        clips.append(clip)
+        took = "already there" if clip.skipped else f"{time.perf_counter() - begin:.1f} s"
+        progress(
+            f"[{i + 1:>{len(str(len(sources)))}}/{len(sources)}] {clip.path} {clip.frames} frames, {took}"
+        )
+    return clips
+
+
+def import_clip(
+    source: str | Path, out: str | Path, *, body: str | Path | None = None, taken: Iterable[Path] = ()
+) -> ImportedClip:
+    """Turn one packed clip into a sequence file (see `import_clips`); refuse a path in `taken`."""
+    source = Path(source)
+    with open_hdf5(source) as file:
+        attributes = check_packed(file, str(source))
+        assets = find_assets(file, source, attributes, body)
+        split = str(attributes.get("split", ""))
+        name = source.stem.removeprefix(f"{split}_")
+        path = Path(out) / split / f"{name}.h5"
+        if path in taken:
+            raise ValueError(f"{source}: {path} was just written from another clip; rename one of them.")
+        frames = len(dataset(file, "root", str(source)))
+        content = _content_hash([source, *(asset for asset in assets if asset is not None)])
+        if _imported_hash(path) == content:
+            return ImportedClip(source, path, frames, skipped=True)
+        scene = read_scene(file, assets, str(source))
+        attributes |= {"name": name, "kind": "simulated", "content_hash": content}
+        _write(path, file, scene, attributes, str(source))
+    return ImportedClip(source, path, frames, skipped=False)
+
+
+def _list_clips(paths: Iterable[str | Path]) -> list[Path]:
+    sources: list[Path] = []
+    for path in map(Path, paths):
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        if not found:
+            raise FileNotFoundError(f"{path} holds no clips (*.h5); give the folder of the packed clips.")
+        sources += found
+    return sources
+
+
+def _content_hash(paths: Iterable[Path]) -> str:
+    digest = hashlib.sha256(f"schema {layout.SCHEMA_VERSION}".encode())
+    for path in paths:
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _imported_hash(path: Path) -> str | None:
+    """Return the content hash in an earlier import; None where there is none or it is damaged."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(plain(file.attrs.get("content_hash")))
+    except OSError:
+        return None
+
+
+def _write(path: Path, file: h5py.File, scene: Scene, attributes: dict, where: str) -> None:
+    root = dataset(file, "root", where)[()].astype(np.float64)
+    motion = Motion(dataset(file, "rotations", where)[()], root, float(attributes["fps"]))
+    delta = dataset(file, "vertices_delta", where)
+    scale = float(plain(delta.attrs["scale"]))
+    with SequenceWriter(path, scene, motion, scale=scale, attributes=attributes) as writer:
+        start = 0
+        for steps in decode_steps(delta):
+            window = slice(start, start + len(steps))
+            world = steps * scale + root[window, None]
+            check_pins(world, scene, motion, window, where)
+            writer.append(world)
+            start += len(steps)

@@ -1,0 +1,33 @@
+"""A clip's motion as the networks take it: features, root carry-over and seed transforms (host)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.body.motion_features import motion_features
+from garment_jax.body.root_frame import carry_over, heading
+from garment_jax.body.seeds import Seeds, seed_transforms
+from garment_jax.structs import FrameInput, Motion, Scene
+
+
+class MotionInput(NamedTuple):
+    """Everything a rollout reads of a motion; `t` frames."""
+
+    x: FrameInput  # leaves [t, ...] float32
+    R_seed: np.ndarray  # [t, m, 3, 3] float32, canonical -> posed, root frame
+    t_seed: np.ndarray  # [t, m, 3] float32 metres
+    root: np.ndarray  # [t, 3] float64 world position of the root joint, metres
+    yaw: np.ndarray  # [t] float64 heading, radians
+
+
+def motion_input(motion: Motion, scene: Scene, seeds: Seeds, joints: tuple[str, ...]) -> MotionInput:
+    """Return the inputs of `motion` for the garment and body of `scene`.
+
+    `joints` are those whose motion the network sees. Raises `ValueError` for a joint the body lacks.
+    """
+    root = motion.root.astype(np.float64)
+    yaw = heading(motion.rotations[:, 0])
+    turn, shift = carry_over(root, yaw)
+    R_seed, t_seed = seed_transforms(seeds, scene, motion, yaw)
+    M = motion_features(motion, scene.body, joints)
+    return MotionInput(FrameInput(M, turn, shift), R_seed, t_seed, root, yaw)

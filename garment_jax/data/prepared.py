@@ -1,0 +1,187 @@
+"""Clips made ready for training, once per data set: root frame, unposed targets, motion inputs.
+
+The large arrays (vertices and inverse-skinning targets) go into memory-mapped files of a cache folder
+named by the content that they were made from; batches read the frames that they need.
+"""
+
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Sequence as List
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from garment_jax.body.mirror import FLIP, mirror_motion
+from garment_jax.body.root_frame import to_root
+from garment_jax.body.seeds import Seeds, make_seeds
+from garment_jax.config import Config
+from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.data.template import STD_FLOOR, Statistics
+from garment_jax.data.validation import check_clip, check_same_garment
+from garment_jax.geometry.skinning import unskin_fixed_point
+from garment_jax.geometry.symmetry import mirror_permutation
+from garment_jax.structs import Motion, Scene
+
+CHUNK = 64  # frames per inverse-skinning call
+
+
+class PreparedClip(NamedTuple):
+    """One clip, or its mirror image, ready for batches; `t` frames."""
+
+    name: str
+    V: np.ndarray  # [t, n, 3] float32 metres, root frame; memory-mapped; of the clip as recorded
+    T_tilde: np.ndarray  # [t, n, 3] float32 metres, canonical root frame; by inverse skinning
+    input: MotionInput  # of the mirrored motion, for a mirror image
+    mirrored: bool
+
+
+class DataSet(NamedTuple):
+    """The prepared clips of one garment on one body."""
+
+    scene: Scene
+    seeds: Seeds
+    train: list[PreparedClip]  # with mirror images
+    validation: list[PreparedClip]
+    statistics: Statistics
+    mirror: np.ndarray | None  # [n] partner of each vertex, when mirrored clips are used
+    content: str  # hash of clips and of the settings that shape them
+
+
+def frames_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> tuple[np.ndarray, np.ndarray]:
+    """Return V and T_tilde of the frames `which`, `[k, n, 3]` each, mirrored if the clip is."""
+    V, T_tilde = np.asarray(clip.V[which]), np.asarray(clip.T_tilde[which])
+    if not clip.mirrored:
+        return V, T_tilde
+    flip = FLIP.astype(np.float32)
+    return V[:, data.mirror] * flip, T_tilde[:, data.mirror] * flip
+
+
+def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
+    """Read every training clip of `folder` (see `training_clips`), check it and prepare it.
+
+    Clips named in `config.data.validation` are kept back and never mirrored. Raises `ValueError` for an
+    empty folder, an unknown validation clip or a clip that does not fit the others.
+    """
+    paths = training_clips(folder, config.data.validation)
+    with open_sequence(paths[0]) as first:
+        scene, garment_name = first.scene, first.name
+    seeds = make_seeds(scene, config.body.seeds)
+    mirror = mirror_permutation(scene.garment) if config.data.mirror else None
+    train, validation, digest = [], [], hashlib.sha256()
+    for path in paths:
+        with open_sequence(path) as sequence:
+            check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
+            key = _cache_key(path, sequence, config)
+            digest.update(key.encode())
+            clip = _prepare_clip(sequence, seeds, config, cache / key)
+            motion = sequence.motion
+        if _is_named(path, config.data.validation):
+            validation.append(clip)
+            continue
+        train.append(clip)
+        if mirror is not None:
+            train.append(_mirror_image(clip, motion, scene, seeds, config))
+    statistics = _statistics(train, mirror is not None)
+    return DataSet(scene, seeds, train, validation, statistics, mirror, digest.hexdigest()[:16])
+
+
+def training_clips(folder: str | Path, validation: List[str]) -> list[Path]:
+    """Return the sequence files to train on: those in `folder/train` where there is one, else in `folder`."""
+    inside = Path(folder) / "train"
+    paths = sorted((inside if inside.is_dir() else Path(folder)).glob("*.h5"))
+    if not paths:
+        raise ValueError(f"{folder} holds no training clips (*.h5); import or simulate some first.")
+    for name in validation:
+        if not any(_is_named(path, [name]) for path in paths):
+            raise ValueError(
+                f"data.validation names {name!r}, which {folder} does not hold; it has "
+                f"{', '.join(path.stem for path in paths)}."
+            )
+    if all(_is_named(path, validation) for path in paths):
+        raise ValueError("data.validation names every clip; leave some to train on.")
+    return paths
+
+
+def _is_named(path: Path, names: List[str]) -> bool:
+    return path.stem in names
+
+
+def _cache_key(path: Path, sequence: Sequence, config: Config) -> str:
+    stat = path.stat()
+    parts = [path.stem, stat.st_size, stat.st_mtime_ns, scene_hash(sequence.scene)]
+    parts += [config.body.seeds, config.body.tau, config.body.skin_iterations]
+    return f"{path.stem}-{hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:12]}"
+
+
+def _prepare_clip(sequence: Sequence, seeds: Seeds, config: Config, cache: Path) -> PreparedClip:
+    """Return the clip, computing its arrays into `cache` unless they are there."""
+    inputs = motion_input(sequence.motion, sequence.scene, seeds, config.body.motion_joints)
+    names = [cache.with_suffix(f".{part}.npy") for part in ("V", "T_tilde")]
+    if not all(name.exists() for name in names):
+        print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
+        check_clip(sequence, joints=config.body.motion_joints)
+        _compute_arrays(sequence, inputs, seeds, config, names)
+    V, T_tilde = (np.load(name, mmap_mode="r") for name in names)
+    return PreparedClip(sequence.name, V, T_tilde, inputs, False)
+
+
+def _compute_arrays(
+    sequence: Sequence, inputs: MotionInput, seeds: Seeds, config: Config, names: list[Path]
+) -> None:
+    garment, body = sequence.scene.garment, sequence.scene.body
+    T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
+    names[0].parent.mkdir(parents=True, exist_ok=True)
+    shape = (sequence.frames, *T.shape)
+    partial = [name.with_suffix(".partial") for name in names]
+    V, T_tilde = (np.lib.format.open_memmap(p, "w+", np.float32, shape) for p in partial)
+    unpose = jax.jit(
+        jax.vmap(
+            lambda v, R, t: (
+                unskin_fixed_point(
+                    v, T, seeds.points, R, t, tau=config.body.tau, iterations=config.body.skin_iterations
+                ).T_tilde
+            )
+        )
+    )
+    for start in range(0, sequence.frames, CHUNK):
+        # the last window is moved back so that every call has the same shape: one compilation
+        start = max(min(start, sequence.frames - CHUNK), 0)
+        window = slice(start, min(start + CHUNK, sequence.frames))
+        world = sequence.read(window.start, window.stop).astype(np.float64)
+        V[window] = to_root(world, inputs.root[window], inputs.yaw[window])
+        T_tilde[window] = unpose(V[window], inputs.R_seed[window], inputs.t_seed[window])
+    for array in (V, T_tilde):
+        array.flush()
+    for temporary, name in zip(partial, names, strict=True):
+        os.replace(temporary, name)
+
+
+def _mirror_image(
+    clip: PreparedClip, motion: Motion, scene: Scene, seeds: Seeds, config: Config
+) -> PreparedClip:
+    inputs = motion_input(mirror_motion(motion, scene.body), scene, seeds, config.body.motion_joints)
+    return clip._replace(name=f"{clip.name} mirrored", input=inputs, mirrored=True)
+
+
+def _statistics(clips: list[PreparedClip], mirrored: bool) -> Statistics:
+    """Return means and deviations over the training clips, in float64, one clip at a time."""
+    recorded = [clip for clip in clips if not clip.mirrored]
+    count = sum(clip.V.shape[0] * clip.V.shape[1] for clip in recorded)
+    mean = sum(np.asarray(clip.V, np.float64).sum(axis=(0, 1)) for clip in recorded) / count
+    mean = mean * [0.0, 1.0, 1.0] if mirrored else mean
+    square = sum(np.square(clip.V - mean).sum(axis=(0, 1)) for clip in recorded) / count
+    M = np.concatenate([clip.input.x.M for clip in clips]).astype(np.float64)
+    return Statistics(
+        mean.astype(np.float32),
+        np.maximum(np.sqrt(square), STD_FLOOR).astype(np.float32),
+        M.mean(axis=0).astype(np.float32),
+        np.maximum(M.std(axis=0), STD_FLOOR).astype(np.float32),
+        M.min(axis=0).astype(np.float32),
+        M.max(axis=0).astype(np.float32),
+    )
