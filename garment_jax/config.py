@@ -46,7 +46,12 @@ class GenerativeConfig:
     latent_dim: int = 128  # of Z
     part_dim: int = 64  # of z_s and of z_d
     rec_hidden: tuple[int, ...] = (256, 256)  # hidden widths of D_rec
-    rec_rank: int = 96  # rank of D_rec's last layer
+    rec_rank: int = 96  # rank of D_rec's last layer; 0 leaves it whole, as in the paper
+    instance_norm: bool = True
+    map_statistics: bool = True  # give E_gen's dense layer the channel means and deviations
+    linear_skip: bool = True  # linear paths beside the networks, begun from principal components
+    norm: Literal["cm2", "plain"] = "cm2"  # mean squared cm, or the paper's norm of the mesh
+    input_noise: float = 0.0  # metres; noise on E_gen's input vertices while training
     lambda_laplacian: float = 3.5
     lambda_unposed: float = 0.1
     lambda_template: float = 0.05
@@ -60,6 +65,15 @@ class GenerativeConfig:
 @dataclass(frozen=True)
 class MotionConfig:
     gru: int = 500  # width of the recurrent state
+    dense: int = 256  # width of E_m's dense layer
+    channels: tuple[int, ...] = (24, 48, 96, 128)  # widths of E_s
+    state_dim: int = 128  # width of E_s' garment vector
+    dropout: float = 0.0  # on E_m's dense layer while training
+    motion_noise: float = 0.0  # deviations; noise on the normalised motion while training
+    state_noise: float = 0.0  # metres; noise on the previous frame while training
+    true_starts: float = 0.5  # part of the lanes that begin from a true frame, the rest skinned
+    grace: int = 25  # frames after a skinned start whose error counts less
+    norm: Literal["cm2", "plain"] = "cm2"
     previous_state: bool = True  # E_s on the map of the last frame; false is the ablation
     window: int = 50  # frames of truncated back-propagation
     lanes: int = 8  # clips trained side by side
@@ -120,7 +134,7 @@ class Config:
 
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
-    | {"rec_rank", "batch", "gru", "window", "lanes", "features", "learning_rate", "eps"}
+    | {"batch", "gru", "window", "lanes", "features", "learning_rate", "eps"}
     | {"log_every", "chunk"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them.

@@ -1,0 +1,1 @@
+"""Rigged bodies: kinematics, root frame, motion features, seeds, preroll."""

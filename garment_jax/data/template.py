@@ -1,0 +1,48 @@
+"""What one garment's networks share: template, atlas, Laplacian and normalisation (static, host)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, uniform_table
+from garment_jax.geometry.topology import Neighbours, neighbour_table
+from garment_jax.geometry.uv_atlas import UvAtlas, make_atlas
+from garment_jax.structs import Garment, RiggedBody
+
+
+class Statistics(NamedTuple):
+    """Means and deviations of the training set; kept in the checkpoint."""
+
+    map_mean: np.ndarray  # [3] metres, of the vertices in the root frame, per axis
+    map_std: np.ndarray  # [3] metres
+    motion_mean: np.ndarray  # [d] of the motion features
+    motion_std: np.ndarray  # [d], at least STD_FLOOR: a constant feature divides by it
+    motion_low: np.ndarray  # [d] smallest value seen in training
+    motion_high: np.ndarray  # [d] largest value seen in training
+
+
+class Template(NamedTuple):
+    """A garment as the networks see it (static)."""
+
+    T: np.ndarray  # [n, 3] float32 metres, origin at the canonical root joint
+    atlas: UvAtlas
+    laplacian: LaplacianTable
+    neighbours: Neighbours
+    statistics: Statistics
+
+
+STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant
+
+
+def make_template(
+    garment: Garment, body: RiggedBody, statistics: Statistics, *, uv_size: int, laplacian: str = "uniform"
+) -> Template:
+    """Return the static tables of `garment` on `body` (see `make_atlas` for what is refused)."""
+    n = len(garment.template)
+    T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
+    if laplacian == "cotangent":
+        table = cotangent_table(garment.template, garment.faces)
+    else:
+        table = uniform_table(garment.faces, n)
+    neighbours = neighbour_table(garment.faces, n)
+    return Template(T, make_atlas(garment, uv_size), table, neighbours, statistics)

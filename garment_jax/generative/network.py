@@ -1,0 +1,124 @@
+"""Networks of the garment generative model behind pure functions (paper 3.2).
+
+`V = T_tilde + I_dyn`: D_rec decodes the unposed garment from z_s, D_dyn the dynamic offset from z_d.
+"""
+
+from typing import NamedTuple
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.config import GenerativeConfig
+from garment_jax.data.template import Template
+from garment_jax.generative.blocks import MapDecoder, MapEncoder, leaky
+from garment_jax.geometry.uv_maps import from_map, to_map
+
+CENTIMETRE = 0.01  # networks put out centimetres: weights of order one, which weight decay spares
+
+
+class Code(NamedTuple):
+    """A latent code's distribution."""
+
+    mean: jax.Array  # [latent]
+    log_variance: jax.Array  # [latent]
+
+
+class Decoded(NamedTuple):
+    """A decoded garment, metres, root frame (T_tilde canonical)."""
+
+    V: jax.Array  # [n, 3]
+    T_tilde: jax.Array  # [n, 3]
+    I_dyn: jax.Array  # [n, 3]
+
+
+class UnposedDecoder(nn.Module):
+    """D_rec: four dense layers, z_s -> offsets from the template `[n, 3]` in cm.
+
+    `rank` factors the last layer, which is most of the model's memory traffic; `skip` adds a linear
+    path to the factors, so that the decoder can begin as a linear subspace.
+    """
+
+    hidden: tuple[int, ...]
+    rank: int
+    n: int
+    skip: bool
+
+    @nn.compact
+    def __call__(self, z_s: jax.Array) -> jax.Array:
+        x = z_s
+        for width in self.hidden:
+            x = leaky(nn.Dense(width)(x))
+        if self.rank:
+            tiny = nn.initializers.variance_scaling(1e-10, "fan_in", "normal")
+            x = nn.Dense(self.rank, kernel_init=tiny if self.skip else nn.initializers.lecun_normal())(x)
+            if self.skip:
+                x = x + nn.Dense(self.rank, use_bias=False, name="skip")(z_s)
+        return nn.Dense(self.n * 3, name="basis")(x).reshape(self.n, 3)
+
+
+def networks(config: GenerativeConfig, n: int, size: int) -> dict[str, nn.Module]:
+    """Return the modules by the paper's names, for `n` vertices and UV maps of `size` texels a side."""
+    begun = config.linear_skip
+    return {
+        "E_gen": MapEncoder(
+            config.channels,
+            2 * config.latent_dim,
+            config.instance_norm,
+            config.map_statistics,
+            skip=min(16, size) if begun else 0,
+            dense_scale=0.0 if begun else 1.0,
+        ),
+        "split_s": nn.Dense(config.part_dim),
+        "split_d": nn.Dense(config.part_dim),
+        "D_rec": UnposedDecoder(config.rec_hidden, config.rec_rank, n, begun),
+        "D_dyn": MapDecoder(
+            config.channels, size, config.instance_norm, skip=begun, output_scale=0.0 if begun else 1.0
+        ),
+    }
+
+
+def init_generative(key: jax.Array, template: Template, *, config: GenerativeConfig) -> dict:
+    """Return fresh parameters, a dict by network; the key is consumed."""
+    n, size = len(template.T), template.atlas.coverage.shape[0]
+    inputs = {
+        "E_gen": jnp.zeros((size, size, 3)),
+        "split_s": jnp.zeros(config.latent_dim),
+        "split_d": jnp.zeros(config.latent_dim),
+        "D_rec": jnp.zeros(config.part_dim),
+        "D_dyn": jnp.zeros(config.part_dim),
+    }
+    modules = networks(config, n, size)
+    keys = dict(zip(inputs, jax.random.split(key, len(inputs)), strict=True))
+    return {name: modules[name].init(keys[name], x)["params"] for name, x in inputs.items()}
+
+
+def position_map(V: Float[Array, "n 3"], template: Template) -> Float[Array, "h w 3"]:
+    """Return S_v: the UV map of `V` (metres, root frame), normalised by the training set's statistics."""
+    normalised = (V - template.statistics.map_mean) / template.statistics.map_std
+    return to_map(normalised, template.atlas)
+
+
+def encode(params: dict, V: Float[Array, "n 3"], *, template: Template, config: GenerativeConfig) -> Code:
+    """Return the latent code of one garment frame `V` (metres, root frame): E_gen of its UV map."""
+    modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
+    out = modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template))
+    mean, log_variance = jnp.split(out, 2)
+    # exp of a wild log-variance would overflow before the loss can pull it back
+    return Code(mean, jnp.clip(log_variance, -20.0, 4.0))
+
+
+def decode(
+    params: dict, Z: Float[Array, " latent"], *, template: Template, config: GenerativeConfig
+) -> Decoded:
+    """Return the garment of latent code `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame."""
+    modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
+
+    def apply(name: str, x: jax.Array) -> jax.Array:
+        return modules[name].apply({"params": params[name]}, x)
+
+    z_s, z_d = apply("split_s", Z), apply("split_d", Z)
+    T_tilde = template.T + CENTIMETRE * apply("D_rec", z_s)
+    I_dyn = CENTIMETRE * from_map(apply("D_dyn", z_d), template.atlas)
+    return Decoded(T_tilde + I_dyn, T_tilde, I_dyn)

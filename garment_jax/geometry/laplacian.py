@@ -1,0 +1,56 @@
+"""The mesh Laplacian of the template, one convention everywhere.
+
+Sign and scale: (laplacian V)_i = sum_j w_ij (v_j - v_i) with rows of w summing to 1. It points
+from a vertex towards the weighted mean of its one-ring, is zero on a flat regular mesh, and its
+null space holds the constant meshes (a translation changes nothing).
+"""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from garment_jax.geometry.topology import neighbour_table
+
+
+class LaplacianTable(NamedTuple):
+    """Padded stencil of the template's Laplacian (static)."""
+
+    index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
+    weight: np.ndarray  # [n, k] float32, rows sum to 1 (0 for a vertex without neighbours)
+
+
+def uniform_table(faces: np.ndarray, n: int) -> LaplacianTable:
+    """Return the uniform stencil: each neighbour weighs 1 / valence."""
+    index, mask = neighbour_table(faces, n)
+    return LaplacianTable(index, mask / np.maximum(mask.sum(axis=1, keepdims=True), 1.0))
+
+
+def cotangent_table(template: np.ndarray, faces: np.ndarray) -> LaplacianTable:
+    """Return the cotangent stencil of `template` `[n, 3]`, clamped to be positive, rows normalised.
+
+    Negative weights of obtuse triangles would turn the smoothing into sharpening, and a
+    triangle without area has no cotangent: both are clamped to [1e-6, 1e3] before normalising.
+    """
+    n = len(template)
+    index, mask = neighbour_table(faces, n)
+    weight = np.zeros(mask.shape)
+    slots = {(i, int(j)): s for i in range(n) for s, j in enumerate(index[i]) if mask[i, s]}
+    P = template.astype(np.float64)
+    for corner in range(3):
+        o, a, b = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
+        u, v = P[a] - P[o], P[b] - P[o]
+        area = np.linalg.norm(np.cross(u, v), axis=1)
+        cot = np.clip((u * v).sum(1) / np.maximum(area, 1e-12), 1e-6, 1e3) / 2
+        for i, j, w in zip(a, b, cot, strict=True):
+            weight[i, slots[int(i), int(j)]] += w
+            weight[j, slots[int(j), int(i)]] += w
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+    return LaplacianTable(index, (weight / total).astype(np.float32))
+
+
+def laplacian(V: Float[Array, "n 3"], table: LaplacianTable) -> Float[Array, "n 3"]:
+    """Return the Laplacian of `V`, in V's unit (see the module's convention)."""
+    neighbours = jax.numpy.take(V, table.index, axis=0)
+    return ((neighbours - V[:, None]) * table.weight[..., None]).sum(axis=1)

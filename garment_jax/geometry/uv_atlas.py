@@ -1,0 +1,95 @@
+"""The UV atlas of a garment: which texel sees which triangle, and where a vertex reads (host, NumPy).
+
+Texel centres span the unit square corner to corner (u = 0 is the centre of the first column, u = 1 that
+of the last), so a vertex on the border of a full chart lies on a texel's centre, not half a texel outside.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from garment_jax.structs import Garment
+
+
+class UvAtlas(NamedTuple):
+    """Precomputed gathers between vertices and UV maps (static; paper 3.2)."""
+
+    texel_vertex: np.ndarray  # [h, w, 3] int32 corners of the triangle that a texel sees
+    texel_weight: np.ndarray  # [h, w, 3] float32 barycentric weights, sum to 1
+    coverage: np.ndarray  # [h, w] bool, texel lies inside a chart
+    read_texel: np.ndarray  # [u, 4] int32 flat texels around each texture vertex
+    read_weight: np.ndarray  # [u, 4] float32 bilinear weights, sum to 1
+    vertex_uv: np.ndarray  # [n, s] int32 texture vertices of each vertex, padded
+    vertex_uv_weight: np.ndarray  # [n, s] float32, 1 / count, 0 for padding
+
+
+def make_atlas(garment: Garment, size: int) -> UvAtlas:
+    """Return the atlas of `garment` at `size` x `size` texels.
+
+    Texels outside every chart repeat the nearest covered texel. Raises `ValueError` for UVs outside
+    [0, 1], charts that cover no texel, or vertices that no texture vertex belongs to.
+    """
+    uv = garment.uv.astype(np.float64)
+    if not len(uv):
+        raise ValueError("the garment template has no UVs; unwrap it before training.")
+    if uv.min() < -1e-6 or uv.max() > 1 + 1e-6:
+        raise ValueError(f"UVs span [{uv.min():.3g}, {uv.max():.3g}]; normalise them to [0, 1].")
+    position = np.clip(uv, 0, 1) * (size - 1)
+    triangle, weight = _rasterise(position, garment.faces_uv, size)
+    coverage = triangle >= 0
+    if not coverage.any():
+        raise ValueError(f"no UV triangle covers a texel of a {size} x {size} map; enlarge uv.size.")
+    row, column = distance_transform_edt(~coverage, return_distances=False, return_indices=True)  # type: ignore[misc]
+    triangle, weight = triangle[row, column], weight[row, column]
+    read_texel, read_weight = _bilinear(position, size)
+    vertex_uv, vertex_weight = _texture_vertices(garment)
+    texel_vertex = garment.faces[triangle].astype(np.int32)
+    return UvAtlas(
+        texel_vertex, weight.astype(np.float32), coverage, read_texel, read_weight, vertex_uv, vertex_weight
+    )
+
+
+def _rasterise(position: np.ndarray, faces_uv: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangle (-1 outside) and the barycentric weights of every texel centre."""
+    triangle = np.full((size, size), -1, np.int64)
+    weight = np.zeros((size, size, 3))
+    for f, (a, b, c) in enumerate(position[faces_uv]):
+        low = np.maximum(np.ceil(np.minimum(np.minimum(a, b), c) - 1e-6), 0).astype(int)
+        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), size - 1).astype(int)
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if (high < low).any() or abs(area) < 1e-12:
+            continue
+        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+        wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
+        wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
+        w = np.stack([1 - wb - wc, wb, wc], axis=-1)
+        inside = w.min(axis=-1) >= -1e-6
+        triangle[y[inside], x[inside]] = f
+        weight[y[inside], x[inside]] = w[inside]
+    return triangle, weight
+
+
+def _bilinear(position: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    corner = np.clip(np.floor(position), 0, max(size - 2, 0)).astype(np.int32)
+    fx, fy = (position - corner).T
+    x, y = corner.T
+    texels = [y * size + x, y * size + x + 1, (y + 1) * size + x, (y + 1) * size + x + 1]
+    weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
+    return np.stack(texels, axis=1).astype(np.int32), np.stack(weights, axis=1).astype(np.float32)
+
+
+def _texture_vertices(garment: Garment) -> tuple[np.ndarray, np.ndarray]:
+    """Return each vertex's texture vertices and their equal weights; a seam vertex has several."""
+    n = len(garment.template)
+    pairs = np.unique(np.stack([garment.faces.ravel(), garment.faces_uv.ravel()], axis=1), axis=0)
+    count = np.bincount(pairs[:, 0], minlength=n)
+    if (count == 0).any():
+        lone = int(np.flatnonzero(count == 0)[0])
+        raise ValueError(f"vertex {lone} belongs to no triangle and so has no UV; remove unused vertices.")
+    slot = np.arange(len(pairs)) - np.repeat(np.cumsum(count) - count, count)
+    index = np.zeros((n, count.max()), np.int32)
+    weight = np.zeros((n, count.max()), np.float32)
+    index[pairs[:, 0], slot] = pairs[:, 1]
+    weight[pairs[:, 0], slot] = 1.0 / count[pairs[:, 0]]
+    return index, weight

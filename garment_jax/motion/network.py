@@ -1,0 +1,117 @@
+"""The dynamic motion encoder behind pure functions (paper 3.3): Z = fc(E_m(M) | E_s(S_prev)).
+
+E_m is a dense layer and a GRU; its part before the recurrence does not depend on the carry, so a
+rollout computes it for all frames of a chunk at once (`motion_gates`).
+"""
+
+from typing import NamedTuple
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.config import GenerativeConfig, MotionConfig
+from garment_jax.data.template import Template
+from garment_jax.generative.blocks import MapEncoder, leaky
+from garment_jax.generative.network import position_map
+from garment_jax.structs import FrameInput
+
+
+class MotionCarry(NamedTuple):
+    """What a rollout carries from frame to frame."""
+
+    h: jax.Array  # [gru] state of E_m
+    V_prev: jax.Array  # [n, 3] last predicted frame before detail and collision, its own root frame
+
+
+def _state_encoder(config: MotionConfig, generative: GenerativeConfig, size: int) -> MapEncoder:
+    skip = min(16, size) if generative.linear_skip else 0
+    return MapEncoder(
+        config.channels,
+        config.state_dim,
+        generative.instance_norm,
+        generative.map_statistics,
+        skip=skip,
+        dense_scale=0.1 if skip else 1.0,
+    )
+
+
+def init_motion(
+    key: jax.Array, template: Template, *, config: MotionConfig, generative: GenerativeConfig
+) -> dict:
+    """Return fresh parameters, a dict by network; the key is consumed."""
+    size, d = template.atlas.coverage.shape[0], len(template.statistics.motion_mean)
+    keys = jax.random.split(key, 5)
+    joined = config.gru + (config.state_dim if config.previous_state else 0)
+    params = {
+        "dense": nn.Dense(config.dense).init(keys[0], jnp.zeros(d))["params"],
+        "gru_x": nn.Dense(3 * config.gru).init(keys[1], jnp.zeros(config.dense))["params"],
+        "gru_h": nn.Dense(3 * config.gru).init(keys[2], jnp.zeros(config.gru))["params"],
+        "fc": nn.Dense(generative.latent_dim).init(keys[3], jnp.zeros(joined))["params"],
+    }
+    if config.previous_state:
+        encoder = _state_encoder(config, generative, size)
+        params["E_s"] = encoder.init(keys[4], jnp.zeros((size, size, 3)))["params"]
+    return params
+
+
+def _dense(params: dict, x: jax.Array) -> jax.Array:
+    return x @ params["kernel"] + params["bias"]
+
+
+def normalise_motion(M: Float[Array, "*t d"], template: Template) -> Float[Array, "*t d"]:
+    """Return the motion features in deviations from the training set's mean.
+
+    A feature that was constant in training stays within 10 deviations: it carries no knowledge, and a
+    floor's 1e-3 would blow it up.
+    """
+    statistics = template.statistics
+    return jnp.clip((M - statistics.motion_mean) / statistics.motion_std, -10.0, 10.0)
+
+
+def motion_gates(params: dict, M: Float[Array, "*t d"], *, template: Template) -> Float[Array, "*t g"]:
+    """Return the GRU's input gates for motion features `M`, any leading axes (E_m before the carry)."""
+    return gates_of(params, normalise_motion(M, template))
+
+
+def gates_of(params: dict, x: Float[Array, "*t d"]) -> Float[Array, "*t g"]:
+    """Return the GRU's input gates for normalised motion `x`."""
+    return _dense(params["gru_x"], leaky(_dense(params["dense"], x)))
+
+
+def gru_step(params: dict, h: Float[Array, " k"], gates: Float[Array, " g"]) -> Float[Array, " k"]:
+    """Return the next state of a GRU with PyTorch's `GRUCell` equations (reset, update, new; both biases)."""
+    rx, ux, cx = jnp.split(gates, 3)
+    rh, uh, ch = jnp.split(_dense(params["gru_h"], h), 3)
+    update = jax.nn.sigmoid(ux + uh)
+    new = jnp.tanh(cx + jax.nn.sigmoid(rx + rh) * ch)
+    return (1.0 - update) * new + update * h
+
+
+def carry_over(V_prev: Float[Array, "n 3"], x: FrameInput) -> Float[Array, "n 3"]:
+    """Re-express the last frame in this frame's root frame: the cloth hung while the body moved."""
+    return V_prev @ x.turn + x.shift
+
+
+def motion_code(
+    params: dict,
+    h: Float[Array, " k"],
+    V_prev: Float[Array, "n 3"],
+    gates: Float[Array, " g"],
+    *,
+    template: Template,
+    config: MotionConfig,
+    generative: GenerativeConfig,
+) -> tuple[Float[Array, " k"], Float[Array, " latent"]]:
+    """Return the next GRU state and the latent code Z of one frame.
+
+    `V_prev` is already in this frame's root frame (`carry_over`); it is not read at all when
+    `config.previous_state` is off.
+    """
+    h = gru_step(params, h, gates)
+    if not config.previous_state:
+        return h, _dense(params["fc"], h)
+    encoder = _state_encoder(config, generative, template.atlas.coverage.shape[0])
+    e = encoder.apply({"params": params["E_s"]}, position_map(V_prev, template))
+    return h, _dense(params["fc"], jnp.concatenate([h, jnp.asarray(e)]))
