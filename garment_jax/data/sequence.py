@@ -7,7 +7,6 @@ frames and read by windows, so that no clip need fit into memory.
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
@@ -85,7 +84,7 @@ class Sequence:
         """Close the file; `scene` and `motion` stay usable."""
         self._file.close()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Sequence":
         return self
 
     def __exit__(

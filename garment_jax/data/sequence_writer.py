@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -84,7 +84,7 @@ class SequenceWriter:
         self._file.create_dataset(f"extra/{name}", data=array, **_packing(array))
         self._check_disk()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "SequenceWriter":
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._disk = GuardedFile(self._temporary)
