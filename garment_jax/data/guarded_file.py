@@ -7,16 +7,20 @@ all later ones are dropped, and the owner asks `error` before it calls the file 
 
 import os
 from pathlib import Path
+from typing import Any
 
 
 class GuardedFile:
-    """The file interface that h5py's `fileobj` driver needs; new file, opened for reading and writing."""
+    """The file interface that h5py's `fileobj` driver needs; new file, opened for reading and writing.
+
+    Buffers are whatever h5py hands over: its Cython memory views are no `memoryview`.
+    """
 
     def __init__(self, path: Path) -> None:
         self.error: OSError | None = None
         self._raw = open(path, "w+b", buffering=0)  # noqa: SIM115 - lives as long as the HDF5 file
 
-    def write(self, data: bytes | memoryview) -> int:
+    def write(self, data: Any) -> int:
         """Write all of `data`, or remember why that failed and claim that it worked."""
         view = memoryview(data).cast("B")
         done = 0
@@ -29,7 +33,7 @@ class GuardedFile:
             self._raw.seek(len(view) - done, os.SEEK_CUR)
         return len(view)
 
-    def readinto(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         """Fill the whole `buffer`: what was dropped reads as zeros."""
         view = memoryview(buffer).cast("B")
         count = self._raw.readinto(view) or 0
