@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
 
 import h5py
 import numpy as np
@@ -36,7 +35,7 @@ class SequenceWriter:
         scene: Scene,
         motion: Motion,
         *,
-        encoding: Literal["int16", "float32"] = "int16",
+        encoding: str = "int16",
         scale: float = DEFAULT_SCALE,
         attributes: dict | None = None,
     ) -> None:
