@@ -1,0 +1,254 @@
+"""Checkpoints of a training stage: Orbax arrays plus a JSON description, written atomically.
+
+Layout: run_dir/checkpoints/STAGE/STEP/{state/, metadata.json}. The state's leaves are stored
+flat in tree order and matched by path, so no class has to be importable to read them.
+"""
+
+import contextlib
+import errno
+import json
+import logging
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import orbax.checkpoint as ocp
+from jax.tree_util import keystr, tree_flatten_with_path
+
+FOLDER = "checkpoints"
+_PARTIAL = ".partial"
+
+
+class Checkpointer:
+    """Saves and restores one stage's state; keeps the newest `keep` checkpoints.
+
+    `metadata` (JSON types: configuration, statistics, hashes) goes into every checkpoint.
+    """
+
+    def __init__(
+        self, run_dir: str | Path, stage: str, *, metadata: Mapping[str, Any] | None = None, keep: int = 2
+    ) -> None:
+        self.folder = Path(run_dir) / FOLDER / stage
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._metadata, self._keep = dict(metadata or {}), keep
+        for leftover in self.folder.glob(f"*{_PARTIAL}"):  # from a process killed while it saved
+            shutil.rmtree(leftover, ignore_errors=True)
+
+    def steps(self) -> list[int]:
+        """The steps of the complete checkpoints, ascending."""
+        return sorted(int(path.name) for path in self.folder.iterdir() if path.name.isdecimal())
+
+    def latest(self) -> int | None:
+        """The newest complete checkpoint's step, or None."""
+        return (self.steps() or [None])[-1]
+
+    def save(self, step: int, state: Any, *, extra: Mapping[str, Any] | None = None) -> Path:
+        """Write the state after `step` steps; a kill at any moment leaves the one before in place.
+
+        `state` is any pytree of arrays, numbers and random keys. ValueError if one of its values
+        is NaN or infinite (nothing is written then); OSError in a sentence if the disk is full.
+        A step that is already there is left alone: the state is a function of the step.
+        """
+        target = self.folder / str(step)
+        if target.exists():
+            return target
+        leaves = _flatten(state)
+        _refuse_non_finite(leaves, target)
+        partial = self.folder / f"{step}{_PARTIAL}"
+        description = self._describe(step, leaves) | {"extra": dict(extra or {})}
+        with _one_sentence(target), _quiet():
+            shutil.rmtree(partial, ignore_errors=True)
+            try:
+                _write(partial, leaves, description)
+                os.replace(partial, target)
+                _sync(self.folder)
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+        self._forget_old()
+        return target
+
+    def restore(self, like: Any, *, step: int | None = None, part: str = "") -> Any:
+        """The saved state with the structure of `like`, bit for bit; `part` picks a subtree.
+
+        `like` holds arrays or `jax.ShapeDtypeStruct`s (as `jax.eval_shape` gives them).
+        `restore(params, part="params")` reads only the field `params` of a state. ValueError if
+        a leaf is missing or has another shape or type; FileNotFoundError without a checkpoint.
+        """
+        return _unflatten(like, self._read(step), part, self.folder)
+
+    def metadata(self, step: int | None = None) -> dict[str, Any]:
+        """What `save` described: `metadata`, `extra`, `step`, `versions`, `leaves`."""
+        return json.loads((self._path(step) / "metadata.json").read_text(encoding="utf-8"))
+
+    def _path(self, step: int | None) -> Path:
+        chosen = self.latest() if step is None else step
+        path = self.folder / str(chosen)
+        if chosen is None or not path.is_dir():
+            which = "checkpoint" if step is None else f"checkpoint of step {step}"
+            raise FileNotFoundError(f"No {which} in {self.folder}; train this stage first.")
+        return path
+
+    def _read(self, step: int | None) -> dict[str, Any]:
+        path, entries = self._path(step), self.metadata(step)["leaves"]
+        try:
+            with _quiet(), ocp.PyTreeCheckpointer() as reader:
+                stored = reader.restore(path.absolute() / "state") if any(map(_size, entries)) else {}
+        except Exception as error:
+            raise ValueError(f"{path} cannot be read; delete it to go on from the one before.") from error
+        values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
+        return {entry["path"]: (entry, value) for entry, value in zip(entries, values, strict=True)}
+
+    def _describe(self, step: int, leaves: list[dict[str, Any]]) -> dict[str, Any]:
+        packages = ("garment-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
+        return {
+            "step": step,
+            "metadata": self._metadata,
+            "versions": {name: _version(name) for name in packages},
+            "leaves": [{key: leaf[key] for key in ("path", "kind", "dtype", "shape")} for leaf in leaves],
+        }
+
+    def _forget_old(self) -> None:
+        for step in self.steps()[: -self._keep]:
+            # Renamed first: a kill within the removal must not leave half a checkpoint that looks whole.
+            doomed = self.folder / f"{step}{_PARTIAL}"
+            os.replace(self.folder / str(step), doomed)
+            shutil.rmtree(doomed, ignore_errors=True)
+
+
+def _name(index: int) -> str:
+    return f"leaf_{index:05d}"
+
+
+def _size(facts: Mapping[str, Any]) -> int:
+    return math.prod(facts["shape"])
+
+
+def _array(facts: Mapping[str, Any], stored: Any) -> np.ndarray:
+    """The stored values; Orbax refuses arrays without elements, so those are made from their facts."""
+    if _size(facts) == 0:
+        return np.zeros(facts["shape"], jax.numpy.dtype(facts["dtype"]))
+    return np.asarray(stored)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except ModuleNotFoundError:
+        return "not installed"
+
+
+def _facts(leaf: Any) -> dict[str, Any]:
+    """Kind (array, number, or `key:IMPLEMENTATION`), dtype and shape of a leaf, without moving its values."""
+    if isinstance(leaf, bool | int | float):
+        return {"kind": "number", "dtype": str(np.asarray(leaf).dtype), "shape": []}
+    if jax.numpy.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        data = jax.eval_shape(jax.random.key_data, leaf)
+        return {
+            "kind": f"key:{jax.random.key_impl(leaf)}",
+            "dtype": str(data.dtype),
+            "shape": list(data.shape),
+        }
+    return {"kind": "array", "dtype": str(leaf.dtype), "shape": list(leaf.shape)}
+
+
+def _flatten(state: Any) -> list[dict[str, Any]]:
+    """One entry per leaf: its path, its facts and its value on the host."""
+    leaves = []
+    for path, leaf in tree_flatten_with_path(state)[0]:
+        facts = _facts(leaf)
+        value = np.asarray(jax.random.key_data(leaf) if facts["kind"].startswith("key:") else leaf)
+        leaves.append({"path": keystr(path, simple=True, separator="/"), **facts, "value": value})
+    return leaves
+
+
+def _unflatten(like: Any, stored: Mapping[str, Any], part: str, folder: Path) -> Any:
+    paths, structure = tree_flatten_with_path(like)
+    leaves = []
+    for path, leaf in paths:
+        where = "/".join(filter(None, [part, keystr(path, simple=True, separator="/")]))
+        if where not in stored:
+            raise ValueError(f"{folder} holds no {where!r}; it was saved by another network or version.")
+        entry, value = stored[where]
+        leaves.append(_matched(leaf, entry, value, folder))
+    return jax.tree_util.tree_unflatten(structure, leaves)
+
+
+def _matched(leaf: Any, entry: Mapping[str, Any], value: np.ndarray, folder: Path) -> Any:
+    """`value` as `leaf`'s kind of object, refused unless shape and type agree."""
+    for fact, expected in _facts(leaf).items():
+        if entry[fact] != expected:
+            raise ValueError(
+                f"{folder}: {entry['path']} has {fact} {entry[fact]}, not {expected}; "
+                "use the configuration and garment it was trained with."
+            )
+    if entry["kind"].startswith("key:"):
+        return jax.random.wrap_key_data(jax.numpy.asarray(value), impl=entry["kind"].removeprefix("key:"))
+    if entry["kind"] == "number":
+        return type(leaf)(value.item())
+    if isinstance(leaf, np.ndarray | np.generic):
+        return value
+    return jax.numpy.array(value, copy=True)  # never NumPy's own memory: a donating step overwrites it
+
+
+def _refuse_non_finite(leaves: list[dict[str, Any]], target: Path) -> None:
+    for leaf in leaves:
+        value = leaf["value"]
+        if jax.numpy.issubdtype(value.dtype, np.inexact) and not np.isfinite(value).all():
+            raise ValueError(
+                f"{leaf['path']} holds NaN or infinite values at step {target.name}, so it is not saved in "
+                f"{target.parent}; the checkpoint before stays; lower the learning rate or clip_norm."
+            )
+
+
+def _write(partial: Path, leaves: list[dict[str, Any]], description: Mapping[str, Any]) -> None:
+    partial.mkdir()
+    values = {_name(i): leaf["value"] for i, leaf in enumerate(leaves) if _size(leaf)}
+    if values:
+        with ocp.PyTreeCheckpointer() as writer:
+            writer.save(partial.absolute() / "state", values)
+    with open(partial / "metadata.json", "w", encoding="utf-8") as file:
+        json.dump(description, file, indent=1)
+        file.flush()
+        os.fsync(file.fileno())
+    _sync(partial)
+
+
+def _sync(folder: Path) -> None:
+    """Make renames inside `folder` survive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _one_sentence(target: Path) -> Iterator[None]:
+    """Turn a full disk, which TensorStore reports in its own words and classes, into one OSError."""
+    try:
+        yield
+    except Exception as error:
+        full = getattr(error, "errno", None) == errno.ENOSPC or "No space left" in str(error)
+        if not full:
+            raise
+        raise OSError(
+            f"The disk is full, so {target} was not saved; free space, then run again from the one before."
+        ) from error
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Orbax from telling about every array that it opens."""
+    logger = logging.getLogger("absl")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)

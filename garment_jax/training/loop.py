@@ -1,0 +1,184 @@
+"""The loop that drives one training stage: log, progress, checkpoints, stop and resume.
+
+A state after k steps depends on the first state and on `batch_at(0..k-1)` alone, so a run
+that was stopped and started again ends bit for bit like one that was not.
+"""
+
+import contextlib
+import math
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import numpy as np
+
+from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.log import RunLog
+from garment_jax.training.progress import Progress, duration
+
+_AHEAD = 2  # batches made in advance
+StepFn = Callable[[Any, Any], tuple[Any, Mapping[str, Any]]]
+
+
+class StoppedError(SystemExit):
+    """SIGINT or SIGTERM: the state is saved; as SystemExit it ends the process with code 130."""
+
+
+class DivergedError(ValueError):
+    """The loss became NaN or infinite; the last good checkpoint is kept."""
+
+
+def run_stage(
+    name: str,
+    state: Any,
+    step_fn: StepFn,
+    batch_at: Callable[[int], Any],
+    *,
+    steps: int,
+    checkpointer: Checkpointer,
+    logger: RunLog,
+    checkpoint_seconds: float = 60.0,
+    checkpoint_every: int = 0,
+    validate: Callable[[Any], Mapping[str, float]] | None = None,
+    validate_every: int = 0,
+    log_every: int = 20,
+    frames_per_step: int = 0,
+) -> Any:
+    """Run `steps` steps from the newest checkpoint, or from `state`, and return the last state.
+
+    state            any pytree (parameters, optimiser, key, carry); `step_fn` may donate it
+    step_fn          (state, batch) -> (state, metrics); scalars, one of them "loss"
+    batch_at         a pure function of the step, called in order on one background thread
+    checkpoint_every steps; 0: by time alone, looked at every `log_every` steps
+    validate_every   steps; 0: only after the last step, if there is a `validate`
+    frames_per_step  for the progress line's speed; 0 shows steps a second
+
+    Metrics are logged as means over the steps since the last line, so that the device is waited
+    for only every `log_every` steps. DivergedError, StoppedError, OSError (disk full) as named.
+    """
+    state, done, seconds = _resume(name, state, steps, checkpointer)
+    if done >= steps:
+        return state
+    logger.truncate(name, done)
+    clock = _Clock(seconds)
+    progress = Progress(name, start=done, steps=steps, frames_per_step=frames_per_step)
+    window: list[Mapping[str, Any]] = []
+    batches = _prefetched(batch_at, done, steps)
+    with _stop_signals() as signals, contextlib.closing(progress), contextlib.closing(batches):
+        for step, batch in enumerate(batches, start=done + 1):
+            state, metrics = step_fn(state, batch)
+            window.append(metrics)
+            stop = bool(signals)  # read once: a signal that comes later is seen after the next step
+            last = step == steps
+            at_log = _due(step, log_every, last or stop)
+            if at_log:
+                means = _fetch(name, window, step, checkpointer)
+                logger.write(name, step, means, seconds=clock.total())
+                progress.show(step, means["loss"], last=last or stop)
+                window = []
+            if validate and _due(step, validate_every, last):
+                progress.close()
+                logger.write(name, step, validate(state), kind="validation", seconds=clock.total())
+            late = at_log and clock.since_saved() >= checkpoint_seconds
+            if late or _due(step, checkpoint_every, last or stop):
+                checkpointer.save(step, state, extra={"seconds": clock.total()})
+                clock.saved()
+            if stop or (last and signals):
+                progress.close()
+                print(f"{name}: stopped and saved at step {step}; the same command goes on", file=sys.stderr)
+                raise StoppedError(130)
+    print(f"{name}: {steps} steps in {duration(clock.total())}", file=sys.stderr)
+    return state
+
+
+def _resume(name: str, state: Any, steps: int, checkpointer: Checkpointer) -> tuple[Any, int, float]:
+    """The state to begin with, the steps that it has behind it and the seconds they took."""
+    done = checkpointer.latest()
+    if done is None:
+        return state, 0, 0.0
+    seconds = float(checkpointer.metadata(done)["extra"].get("seconds", 0.0))
+    how = "complete, nothing to do" if done >= steps else "goes on"
+    print(f"{name}: {done} of {steps} steps are done; {how}", file=sys.stderr)
+    return checkpointer.restore(state, step=done), done, seconds
+
+
+def _due(step: int, every: int, last: bool) -> bool:
+    return last or (every > 0 and step % every == 0)
+
+
+class _Clock:
+    """Seconds that a stage has taken, over all its processes, and since it was last saved."""
+
+    def __init__(self, before: float) -> None:
+        self._began = self._saved = time.monotonic()
+        self._before = before
+
+    def total(self) -> float:
+        return self._before + time.monotonic() - self._began
+
+    def since_saved(self) -> float:
+        return time.monotonic() - self._saved
+
+    def saved(self) -> None:
+        self._saved = time.monotonic()
+
+
+def _fetch(
+    name: str, window: list[Mapping[str, Any]], step: int, checkpointer: Checkpointer
+) -> dict[str, float]:
+    """The window's mean metrics on the host; waits for the device. DivergedError for a bad loss."""
+    host = jax.device_get(window)
+    for offset, metrics in enumerate(host, start=step - len(host) + 1):
+        if not math.isfinite(metrics["loss"]):
+            loss, good = float(metrics["loss"]), checkpointer.latest() or 0
+            raise DivergedError(
+                f"{name}: the loss is {loss} at step {offset}; {checkpointer.folder} keeps step {good}; "
+                "lower the learning rate or training.clip_norm and use another --run-dir."
+            )
+    return {key: float(np.mean([metrics[key] for metrics in host])) for key in host[0]}
+
+
+@contextlib.contextmanager
+def _stop_signals() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM instead of dying; a second one acts at once, as without this.
+
+    Only the main thread may set handlers; on another one signals stay with whoever has them.
+    """
+    seen: list[int] = []
+    before: dict[int, Any] = {}
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    def note(number: int, _frame: Any) -> None:
+        seen.append(number)
+        restore()
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before[number] = signal.signal(number, note)
+    try:
+        yield seen
+    finally:
+        restore()
+
+
+def _prefetched(batch_at: Callable[[int], Any], start: int, stop: int) -> Generator[Any, None, None]:
+    """The batches of the steps start..stop-1 in order, made on one thread, `_AHEAD` at most in advance."""
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="batches") as pool:
+        pending = deque(pool.submit(batch_at, step) for step in range(start, min(start + _AHEAD, stop)))
+        try:
+            for step in range(start, stop):
+                batch = pending.popleft().result()
+                if step + _AHEAD < stop:
+                    pending.append(pool.submit(batch_at, step + _AHEAD))
+                yield batch
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)

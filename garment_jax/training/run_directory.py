@@ -1,0 +1,63 @@
+"""A run directory belongs to one configuration, garment and data set."""
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from garment_jax.config import Config, differences, from_dict, to_dict, to_toml
+
+CONFIG_NAME = "config.toml"
+FACTS_NAME = "facts.json"
+_SHOWN = 3
+
+
+def prepare_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any] | None = None) -> Path:
+    """Create the directory, or check that it was made with this configuration; return its path.
+
+    `facts` are JSON values that must agree as well, such as the template's and the data's hash.
+    Keys that do not change what is learnt may differ (see `config.differences`); the newer
+    ones are then stored. ValueError says which key differs, both values and the remedy.
+    """
+    path = Path(run_dir)
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"--run-dir {path} is a file; name a folder.")
+    new: dict[str, Any] = json.loads(json.dumps(dict(facts or {})))
+    if (path / CONFIG_NAME).exists():
+        changed = differences(to_dict(run_config(path)), to_dict(config))
+        changed += [(k, v, new[k]) for k, v in _facts(path).items() if k in new and new[k] != v]
+        _refuse(path, changed)
+    path.mkdir(parents=True, exist_ok=True)
+    _replace(path / FACTS_NAME, json.dumps(_facts(path) | new, indent=1) + "\n")
+    _replace(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
+    return path
+
+
+def run_config(run_dir: str | Path) -> Config:
+    """The configuration that a run directory was made with; FileNotFoundError if it holds none."""
+    path = Path(run_dir) / CONFIG_NAME
+    if not path.is_file():
+        raise FileNotFoundError(f"{run_dir} holds no {CONFIG_NAME}; name a folder that train.py wrote.")
+    return from_dict(tomllib.loads(path.read_text(encoding="utf-8")), source=str(path))
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    file = path / FACTS_NAME
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+
+
+def _refuse(path: Path, changed: list[tuple[str, Any, Any]]) -> None:
+    if changed:
+        shown = "; ".join(f"{name} = {old!r}, not {new!r}" for name, old, new in changed[:_SHOWN])
+        more = f"; and {len(changed) - _SHOWN} more" if len(changed) > _SHOWN else ""
+        raise ValueError(
+            f"{path} belongs to another run ({shown}{more}); use another --run-dir or the old values."
+        )
+
+
+def _replace(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".partial")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)

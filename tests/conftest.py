@@ -1,0 +1,32 @@
+"""What every test shares: CPU, x64 off, warnings and silent broadcasting as errors, the shared data."""
+
+import os
+from pathlib import Path
+
+# Before jax is imported. Two threads of compilation and a persistent cache keep the suite short.
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+ROOT = Path(__file__).resolve().parents[1]
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import jax
+import pytest
+from jaxtyping import install_import_hook
+
+import tests.shape_checks  # noqa: F401 (the hook looks it up as an attribute)
+
+# Shapes and types of every annotated function are checked while tests run, and only then.
+_CHECKED = install_import_hook("garment_jax", "tests.shape_checks.checked")
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "standard")
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder with `avatar/`, `motion/` and `skirt/` (see CONTRIBUTING.md), or a skip."""
+    path = Path(os.environ.get("GARMENT_JAX_SHARED", ROOT.parent / "shared" / "data"))
+    if not (path / "skirt").is_dir():
+        pytest.skip(f"no shared data at {path}; set GARMENT_JAX_SHARED to the folder that holds skirt/")
+    return path

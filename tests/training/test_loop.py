@@ -1,0 +1,154 @@
+"""A run that was stopped, by whatever, ends bit for bit like one that was not."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import pytest
+
+from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.log import RunLog, read_log
+from garment_jax.training.loop import DivergedError, StoppedError, run_stage
+
+from . import toy
+from .test_checkpoint import assert_same_bits
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> tuple[toy.ToyState, Path]:
+    run_dir = tmp_path_factory.mktemp("whole")
+    return toy.train(run_dir), run_dir
+
+
+def losses(run_dir: Path) -> list[tuple[int, float]]:
+    return [(entry["step"], entry["loss"]) for entry in read_log(run_dir, stage="toy", kind="train")]
+
+
+def test_it_learns_and_logs(uninterrupted: tuple[toy.ToyState, Path]) -> None:
+    _, run_dir = uninterrupted
+    logged = losses(run_dir)
+    assert [step for step, _ in logged] == list(range(5, 61, 5))
+    assert logged[-1][1] < 0.5 * logged[0][1]
+    assert Checkpointer(run_dir, "toy").steps() == [56, 60]
+
+
+@pytest.mark.parametrize(("where", "step", "last"), [("batch", 33, (21, 28)), ("save", 28, (21,))])
+def test_kill_9_then_the_same_call(
+    tmp_path: Path, uninterrupted: tuple[toy.ToyState, Path], where: str, step: int, last: tuple[int, ...]
+) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), *sys.path])}
+    command = [sys.executable, str(Path(toy.__file__)), str(tmp_path), where, str(step)]
+    killed = subprocess.run(command, env=environment, capture_output=True, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    if where == "save":
+        assert (tmp_path / "checkpoints" / "toy" / "28.partial").is_dir()
+    assert Checkpointer(tmp_path, "toy").latest() in last  # batches are made up to two steps ahead
+    whole, whole_dir = uninterrupted
+    assert_same_bits(toy.train(tmp_path), whole)
+    assert_same_bits(Checkpointer(tmp_path, "toy").restore(toy.first_state()), whole)
+    assert [step for step, _ in losses(tmp_path)] == [step for step, _ in losses(whole_dir)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_finishes_the_step_saves_and_says_how_to_go_on(
+    tmp_path: Path, uninterrupted: tuple[toy.ToyState, Path], capsys: Any, number: int
+) -> None:
+    def signalling(state: Any, batch: Any) -> Any:
+        if int(state.opt_state[1].count) == 17:  # within the 18th step
+            os.kill(os.getpid(), number)
+        return toy.step_fn(state, batch)
+
+    handler = signal.getsignal(number)
+    with pytest.raises(StoppedError) as stopped:
+        toy.train(tmp_path, step=signalling)
+    assert stopped.value.code == 130
+    assert "stopped and saved at step 18; the same command goes on" in capsys.readouterr().err
+    assert signal.getsignal(number) is handler
+    assert_same_bits(toy.train(tmp_path), uninterrupted[0])
+
+
+def test_a_signal_in_the_last_step_stops_what_would_follow(tmp_path: Path) -> None:
+    def signalling(state: Any, batch: Any) -> Any:
+        if int(state.opt_state[1].count) == toy.STEPS - 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return toy.step_fn(state, batch)
+
+    with pytest.raises(StoppedError):
+        toy.train(tmp_path, step=signalling)
+    assert Checkpointer(tmp_path, "toy").latest() == toy.STEPS
+
+
+def test_a_complete_stage_is_skipped(uninterrupted: tuple[toy.ToyState, Path], capsys: Any) -> None:
+    whole, run_dir = uninterrupted
+    before = (run_dir / "log.jsonl").read_text()
+
+    def never(*_: Any) -> Any:
+        raise AssertionError("a complete stage must not train")
+
+    assert_same_bits(toy.train(run_dir, step=never, batches=never), whole)
+    assert "60 of 60 steps are done; complete" in capsys.readouterr().err
+    assert (run_dir / "log.jsonl").read_text() == before
+
+
+def test_a_loss_that_is_not_finite_stops_with_the_last_good_state_kept(tmp_path: Path) -> None:
+    def diverging(state: Any, batch: Any) -> Any:
+        state, metrics = toy.step_fn(state, batch)
+        bad = int(state.opt_state[1].count) == 18
+        return state, {"loss": jnp.asarray(jnp.nan)} if bad else metrics
+
+    with pytest.raises(DivergedError, match=r"toy: the loss is nan at step 18; .* keeps step 14"):
+        toy.train(tmp_path, step=diverging)
+    assert Checkpointer(tmp_path, "toy").latest() == 14
+
+
+def test_an_error_while_a_batch_is_made_reaches_the_caller(tmp_path: Path) -> None:
+    def broken(step: int) -> Any:
+        if step == 9:
+            raise ValueError("clip salsa_02 has NaN in frame 9")
+        return toy.batch_at(step)
+
+    before = threading.active_count()
+    with pytest.raises(ValueError, match="salsa_02"):
+        toy.train(tmp_path, batches=broken)
+    assert threading.active_count() <= before
+    assert Checkpointer(tmp_path, "toy").latest() == 7
+
+
+def test_validation_is_logged_when_due_and_at_the_end(tmp_path: Path) -> None:
+    seen = []
+
+    def validate(state: Any) -> dict[str, float]:
+        seen.append(int(state.opt_state[1].count))
+        return {"rmse_cm": 1.5}
+
+    toy.train(tmp_path, validate=validate, validate_every=25)
+    assert seen == [25, 50, 60]
+    assert [e["step"] for e in read_log(tmp_path, kind="validation")] == seen
+
+
+def test_checkpoints_by_time_are_made_at_log_steps(tmp_path: Path) -> None:
+    saved: list[int] = []
+
+    class Watched(Checkpointer):
+        def save(self, step: int, *rest: Any, **options: Any) -> Path:
+            saved.append(step)
+            return super().save(step, *rest, **options)
+
+    with RunLog(tmp_path) as log:
+        run_stage(
+            "toy",
+            toy.first_state(),
+            toy.step_fn,
+            toy.batch_at,
+            steps=23,
+            checkpointer=Watched(tmp_path, "toy"),
+            logger=log,
+            checkpoint_seconds=0.0,
+            log_every=10,
+        )
+    assert saved == [10, 20, 23]
