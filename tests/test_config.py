@@ -1,0 +1,179 @@
+"""The configuration: files, overrides and the sentence for each mistake."""
+
+import dataclasses
+import math
+import tomllib
+from pathlib import Path
+from typing import Literal, get_args, get_origin, get_type_hints
+
+import pytest
+
+from garment_jax import config as config_module
+from garment_jax.config import (
+    Config,
+    apply_overrides,
+    content_hash,
+    differences,
+    from_dict,
+    load_config,
+    to_dict,
+    to_toml,
+)
+
+SHIPPED = sorted((Path(__file__).parents[1] / "configs").glob("*.toml"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Kinds:
+    """A section with every type that a field may have."""
+
+    whole: int = 3
+    number: float = 1e-5
+    switch: bool = True
+    text: str = 'a "quoted" \\ é 🩰'
+    choice: Literal["a", "b"] = "a"
+    widths: tuple[int, ...] = (1, 2)
+    names: tuple[str, ...] = ()
+    rates: tuple[float, ...] = (0.5, 2.0)
+    limit: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class KindsConfig(Config):
+    kinds: Kinds = dataclasses.field(default_factory=Kinds)
+
+
+@pytest.fixture
+def kinds(monkeypatch: pytest.MonkeyPatch) -> type[KindsConfig]:
+    """The same machinery with that section as well, which stays as it is when the others grow."""
+    monkeypatch.setattr(config_module, "Config", KindsConfig)
+    return KindsConfig
+
+
+def changed_everywhere() -> Config:
+    """A configuration in which every field differs from its default."""
+
+    def other(hint: object, value: object) -> object:
+        if get_origin(hint) is tuple:
+            return (*value, get_args(hint)[0](1))  # type: ignore[misc, index]
+        if get_origin(hint) is Literal:
+            return next(choice for choice in get_args(hint) if choice != value)
+        return not value if isinstance(value, bool) else value + type(value)(1)  # type: ignore[operator]
+
+    def section(old: object) -> object:
+        hints = get_type_hints(type(old))
+        return dataclasses.replace(old, **{k: other(hints[k], getattr(old, k)) for k in hints})  # type: ignore[type-var]
+
+    return Config(**{f.name: section(getattr(Config(), f.name)) for f in dataclasses.fields(Config)})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("config", [Config(), changed_everywhere()], ids=["defaults", "changed"])
+def test_toml_and_dict_round_trips_are_exact(config: Config, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(to_toml(config), encoding="utf-8")
+    assert load_config(tmp_path / "c.toml") == config
+    assert from_dict(to_dict(config)) == config
+
+
+@pytest.mark.usefixtures("kinds")
+def test_every_kind_of_field_round_trips() -> None:
+    for value in (Kinds(), Kinds(limit=4, names=("x", "y"), rates=(), switch=False, choice="b")):
+        config = KindsConfig(kinds=value)
+        assert from_dict(tomllib.loads(to_toml(config))) == config
+
+
+@pytest.mark.usefixtures("kinds")
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--kinds.whole", "5"], Kinds(whole=5)),
+        (["--kinds.number=2"], Kinds(number=2.0)),
+        (["--kinds.switch", "false"], Kinds(switch=False)),
+        (["--kinds.text", "--x=y"], Kinds(text="--x=y")),
+        (["--kinds.choice=b"], Kinds(choice="b")),
+        (["--kinds.widths", "4, 5,6"], Kinds(widths=(4, 5, 6))),
+        (["--kinds.names", ""], Kinds(names=())),
+        (["--kinds.limit", "9", "--kinds.limit", "none"], Kinds(limit=None)),
+    ],
+)
+def test_overrides_by_type(words: list[str], expected: Kinds) -> None:
+    assert apply_overrides(KindsConfig(), words) == KindsConfig(kinds=expected)
+
+
+@pytest.mark.usefixtures("kinds")
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"whole": 1.5}, r"test\.toml: kinds\.whole = 1\.5 must be a whole number"),
+        ({"whole": True}, r"kinds\.whole = True must be a whole number"),
+        ({"number": "1"}, r"kinds\.number = '1' must be a number"),
+        ({"number": math.nan}, r"kinds\.number = nan must be a finite number, 0 or greater"),
+        ({"whole": -1}, r"kinds\.whole = -1 must be a finite number, 0 or greater"),
+        ({"switch": 1}, r"kinds\.switch = 1 must be true or false"),
+        ({"text": 1}, r"kinds\.text = 1 must be a string"),
+        ({"choice": "c"}, r"kinds\.choice = 'c' is not one of 'a', 'b'"),
+        ({"widths": 3}, r"kinds\.widths = 3 must be a list; write \[3\]"),
+        ({"widths": [1, "2"]}, r"kinds\.widths = '2' must be a whole number"),
+        ({"limit": "many"}, r"kinds\.limit = 'many' must be a whole number"),
+        (
+            {"wdths": [1]},
+            r"unknown key in \[kinds\] 'wdths'; known are whole, .* mean 'widths'\?",
+        ),
+    ],
+)
+def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        from_dict({"kinds": entries}, source="test.toml")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--uv.sise", "3"],
+            r"command line: unknown key in \[uv\] 'sise'; known are .* mean 'size'\?",
+        ),
+        (["--vu.size", "3"], r"unknown section 'vu'; known are data, .*\. Did you mean 'uv'\?"),
+        (["--uv.size", "0"], r"uv\.size = 0 must be a finite number, greater than 0"),
+        (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),
+        (["--data.mirror", "yes"], r"data\.mirror = 'yes' must be true or false"),
+        (["--uv.size"], r"--uv\.size has no value; write --uv\.size VALUE"),
+        (["uv.size", "3"], r"'uv\.size' is not an override; write --SECTION\.KEY VALUE"),
+        (["--stage", "all"], r"'--stage' is not an override"),
+    ],
+)
+def test_wrong_overrides_are_refused(words: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        apply_overrides(Config(), words)
+
+
+def test_wrong_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"No configuration file '.*none\.toml'"):
+        load_config(tmp_path / "none.toml")
+    file = tmp_path / "c.toml"
+    file.write_text("[uv]\nsize 3\n")
+    with pytest.raises(ValueError, match=r"c\.toml is not valid TOML: .*line 2.*; correct that line"):
+        load_config(file)
+    file.write_text("uv = 3\n")
+    with pytest.raises(ValueError, match=r"uv = 3 is no section; write \[uv\]"):
+        load_config(file)
+
+
+def test_the_hash_is_of_the_content() -> None:
+    assert content_hash(Config()) == content_hash(from_dict({}))
+    assert content_hash(Config()) != content_hash(apply_overrides(Config(), ["--uv.size", "32"]))
+
+
+def test_differences_leave_out_what_does_not_change_the_result() -> None:
+    other = apply_overrides(Config(), ["--training.log_every", "7", "--rollout.chunk=9", "--uv.size=32"])
+    assert differences(to_dict(Config()), to_dict(other)) == [("uv.size", 64, 32)]
+    # A run of an older version, without a key that exists now, is another run as well.
+    older = to_dict(Config())
+    del older["uv"]["size"]
+    assert differences(older, to_dict(Config())) == [("uv.size", None, 64)]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_shipped_configurations_load_and_their_head_names_the_command(path: Path) -> None:
+    load_config(path)
+    head = path.read_text(encoding="utf-8").split("[", 1)[0]
+    assert f"python train.py configs/{path.name}" in head

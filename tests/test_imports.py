@@ -1,0 +1,101 @@
+"""The rooms and who may import whom: down the list only; networks live in the three stages."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "garment_jax"
+
+# A room may import itself and those above it, except structs and config, which import nobody.
+ROOMS = (
+    "structs",
+    "config",
+    "geometry",
+    "body",
+    "data",
+    "generative",
+    "motion",
+    "detail",
+    "collision",
+    "rollout",
+    "training",
+    "evaluation",
+    "cli",
+)
+MODULES = sorted(PACKAGE.rglob("*.py"))
+NETWORK_ROOMS = {"generative", "motion", "detail"}
+FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
+
+
+def room_of(path: Path) -> str:
+    """The room of a module: its folder or file name below the package; "" for the package's own files."""
+    first = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    return "" if first.startswith("__") else first
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Absolute dotted names of what a module imports, those inside functions too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = path.relative_to(PACKAGE.parent).parts[: -node.level] if node.level else ()
+            stem = ".".join([*base, *filter(None, [node.module])])
+            yield from (f"{stem}.{alias.name}" for alias in node.names)
+
+
+def wrong_rooms(room: str, names: list[str]) -> list[str]:
+    """Those of `names` that a module of `room` may not import."""
+    if room == "":  # __init__ and __main__ hold no knowledge of their own, only doors
+        return []
+    allowed = {room} if room in ("structs", "config") else set(ROOMS[: ROOMS.index(room) + 1])
+    ours = [name for name in names if name.split(".")[0] == "garment_jax"]
+    return [name for name in ours if name.split(".")[1] in set(ROOMS) - allowed]
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+def test_every_room_is_in_the_list() -> None:
+    found = {room_of(path) for path in MODULES} - {""}
+    assert found <= set(ROOMS), (
+        f"new rooms {sorted(found - set(ROOMS))} need a place in ROOMS and CONTRIBUTING.md"
+    )
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_imports_go_down_the_list(path: Path) -> None:
+    assert wrong_rooms(room_of(path), list(imports(path))) == []
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_networks_are_imported_in_the_stages_only(path: Path) -> None:
+    if room_of(path) not in NETWORK_ROOMS:
+        assert [name for name in imports(path) if name.split(".")[0] == "flax"] == []
+
+
+def test_no_file_or_folder_is_a_drawer_for_anything() -> None:
+    assert [name_of(path) for path in PACKAGE.rglob("*") if path.stem in FORBIDDEN_NAMES] == []
+
+
+def test_the_reader_sees_every_form_of_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}.PACKAGE", tmp_path / "garment_jax")
+    module = tmp_path / "garment_jax" / "body" / "seeds.py"
+    module.parent.mkdir(parents=True)
+    module.write_text(
+        "import garment_jax.data.sequence as s\nfrom garment_jax import cli\nfrom ..rollout import scan\n"
+        "from . import frame\ndef f():\n    from garment_jax.geometry.topology import unique_edges\n"
+    )
+    names = list(imports(module))
+    assert names == [
+        "garment_jax.data.sequence",
+        "garment_jax.cli",
+        "garment_jax.rollout.scan",
+        "garment_jax.body.frame",
+        "garment_jax.geometry.topology.unique_edges",
+    ]
+    assert wrong_rooms("body", names) == names[:3]
+    assert wrong_rooms("structs", ["garment_jax.config.Config"]) == ["garment_jax.config.Config"]
