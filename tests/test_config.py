@@ -132,7 +132,7 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
             ["--uv.sise", "3"],
             r"command line: unknown key in \[uv\] 'sise'; known are .* mean 'size'\?",
         ),
-        (["--vu.size", "3"], r"unknown section 'vu'; known are data, .*\. Did you mean 'uv'\?"),
+        (["--uvv.size", "3"], r"unknown section 'uvv'; known are data, .*\. Did you mean 'uv'\?"),
         (["--uv.size", "0"], r"uv\.size = 0 must be a finite number, greater than 0"),
         (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),
         (["--data.mirror", "yes"], r"data\.mirror = 'yes' must be true or false"),
@@ -154,7 +154,7 @@ def test_wrong_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"c\.toml is not valid TOML: .*line 2.*; correct that line"):
         load_config(file)
     file.write_text("uv = 3\n")
-    with pytest.raises(ValueError, match=r"uv = 3 is no section; write \[uv\]"):
+    with pytest.raises(ValueError, match=r"uv = 3 is a section; write \[uv\]"):
         load_config(file)
 
 

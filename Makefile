@@ -1,0 +1,58 @@
+# make test            set up .venv, check style and types, run all tests
+# make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
+# make setup lint format lock clean
+# PYTHON=python3.12 selects the interpreter that .venv is made with.
+
+PYTHON ?= python3
+VENV ?= .venv
+RUN ?= runs/skirt
+IMPORTED ?= data/skirt
+WORKERS ?= 2
+BIN := $(VENV)/bin
+TESTS := tests
+PREDICTIONS := $(RUN)/test
+
+.PHONY: test skirt setup lint format lock clean
+
+test: lint
+	@$(BIN)/python -m pytest -n $(WORKERS) $(TESTS)
+
+setup: $(VENV)/ready
+
+# Every package with its hash from the lock; then the checkout itself, editable, built without the network.
+$(VENV)/ready: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+lint: setup
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/pyright --pythonpath $(BIN)/python
+
+format: setup
+	@$(BIN)/ruff check --fix
+	@$(BIN)/ruff format
+
+# One file for Python 3.11 and newer, without any mirror's address; needs uv.
+lock:
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	  --custom-compile-command 'make lock' --default-index https://pypi.org/simple --no-emit-index-url \
+	  --extra test --extra dev --extra tensorboard pyproject.toml -o requirements.lock
+
+# Interrupted at any point, the same command goes on where it was.
+skirt: setup
+	@test -n "$(DATA)" || { echo "make skirt needs the folder of clips: make skirt DATA=DIR" >&2; exit 2; }
+	$(BIN)/garment-jax import $(DATA) --out $(IMPORTED)
+	$(BIN)/python train.py configs/skirt.toml --data $(IMPORTED) --run-dir $(RUN)
+	mkdir -p $(PREDICTIONS)
+	set -e; for clip in $(IMPORTED)/test_*.h5; do \
+	  name=$$(basename $$clip .h5); \
+	  $(BIN)/python infer.py $(RUN) --motion $$clip --out $(PREDICTIONS)/$$name.h5; \
+	  $(BIN)/garment-jax evaluate $(PREDICTIONS)/$$name.h5 $$clip; \
+	  $(BIN)/garment-jax render $(PREDICTIONS)/$$name.h5 $$clip --out $(PREDICTIONS)/$$name.png; \
+	done
+
+clean:
+	rm -rf $(VENV) .cache build
