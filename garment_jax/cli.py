@@ -116,19 +116,30 @@ def _pair_files(pred: Path, truth: Path) -> list[tuple[Path, Path]]:
 
 
 def _add_render(commands) -> None:
-    parser = commands.add_parser("render", help="draw contact sheets, error maps and animations")
-    parser.add_argument("paths", nargs="+", type=Path, help="sequence files of one clip, e.g. TRUTH PRED")
-    parser.add_argument("--out", required=True, type=Path, help="picture to write (.png)")
-    parser.add_argument("--frames", type=int, default=6, help="frames on the contact sheet (default 6)")
-    parser.add_argument("--animation", action="store_true", help="also write a short animation (.gif)")
+    parser = commands.add_parser("render", help="draw contact sheets, error maps and short films")
+    parser.add_argument("paths", nargs="+", type=Path, help="a file; or PRED TRUTH, files or folders")
+    parser.add_argument("--out", required=True, type=Path, help="folder for the pictures")
+    parser.add_argument("--frames", type=int, default=6, help="columns of the contact sheet (default 6)")
+    parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
+    parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")
+    parser.add_argument("--side-view", action="store_true", help="also a sheet from the side")
+    parser.add_argument("--whole-body", action="store_true", help="show head and feet too")
+    parser.add_argument("--scale-cm", type=float, help="error at the end of the colours (default: fits)")
+    parser.add_argument("--azimuth", type=float, default=35.0, help="degrees from the body's front")
+    parser.add_argument("--height", type=int, default=360, help="pixels of one picture (default 360)")
     parser.set_defaults(run=_render)
 
 
 def _render(options: argparse.Namespace) -> None:
     from garment_jax.evaluation.render import render_files
 
-    if options.frames < 1:
-        raise ValueError(f"--frames {options.frames} draws nothing; give 1 or more.")
-    written = render_files(options.paths, options.out, frames=options.frames, animation=options.animation)
-    for path in written or [options.out]:
-        print(path)
+    if len(options.paths) > 2:
+        raise ValueError(
+            f"render takes a file, or PRED TRUTH, not {len(options.paths)} paths; run it once a pair."
+        )
+    pairs = [options.paths] if len(options.paths) == 1 else _pair_files(*options.paths)
+    names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
+    settings = {name: getattr(options, name) for name in names}
+    for pair in pairs:
+        for path in render_files(list(pair), options.out, **settings):
+            print(path, flush=True)

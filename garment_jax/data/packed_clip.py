@@ -99,14 +99,16 @@ def read_scene(file: h5py.File, assets: Assets, where: str) -> Scene:
 
 
 def _load_npz(path: Path, keys: tuple[str, ...]) -> list:
+    """Return the named arrays of an `.npz` file; pickled objects in it are refused like damage."""
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            missing = [key for key in keys if key not in arrays]
-            if missing:
-                raise ValueError(f"{path}: array {missing[0]!r} is missing; it needs {', '.join(keys)}.")
-            return [arrays[key] for key in keys]
-    except (zipfile.BadZipFile, EOFError) as error:
-        raise OSError(f"{path} is damaged or no .npz file; copy it again.") from error
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in keys if key in file}
+    except (zipfile.BadZipFile, EOFError, ValueError, AttributeError, TypeError) as error:
+        raise OSError(f"{path} is damaged or no .npz file of plain arrays; copy it again.") from error
+    missing = [key for key in keys if key not in arrays]
+    if missing:
+        raise ValueError(f"{path}: array {missing[0]!r} is missing; it needs {', '.join(keys)}.")
+    return [arrays[key] for key in keys]
 
 
 def _check_equal(indices: np.ndarray, named: h5py.Dataset, path: Path, where: str) -> None:

@@ -153,5 +153,5 @@ def _check_size(points: np.ndarray, name: str) -> None:
         return
     guess = "centimetres or millimetres" if size > LARGEST else "another unit"
     raise ValueError(
-        f"{name} is {size:.4g} m in size, which looks like {guess}; convert all lengths to metres."
+        f"{name} is {size:.4g} m large, which looks like {guess}; convert all lengths to metres."
     )

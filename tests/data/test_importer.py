@@ -1,0 +1,173 @@
+"""Importing packed clips: exact, whole or not at all, not twice, and refusals by name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from garment_jax.body.kinematics import joint_positions, pose_points
+from garment_jax.data.importer import import_clips
+from garment_jax.data.packed_clip import decode_steps
+from garment_jax.data.sequence import open_sequence
+from tests.data.packed import SCALE, pack, write_packed
+from tests.reference.scene import make_motion, make_scene, make_vertices, write_clip
+
+HALF_STEP = SCALE / 2 + 1e-6  # metres: quantisation, and float32 at the clips' distances
+
+
+def quiet(_: str) -> None:
+    """Progress that nobody reads."""
+
+
+def test_decoding_inverts_packing_in_any_window():
+    steps = np.random.default_rng(0).integers(-8_000, 8_000, (11, 7, 3)).astype(np.int32)
+    for window in (1, 4, 11, 64):
+        np.testing.assert_array_equal(np.concatenate(list(decode_steps(pack(steps), window=window))), steps)
+
+
+def test_sums_beyond_16_bits_are_exact():
+    """Differences fit into 16 bits, their sum does not: 40 frames of 1,000 steps each."""
+    steps = np.broadcast_to(np.arange(1, 41, dtype=np.int32)[:, None, None] * 1_000, (40, 2, 3))
+    np.testing.assert_array_equal(np.concatenate(list(decode_steps(pack(steps), window=16))), steps)
+
+
+def test_imported_clip_equals_its_source(tmp_path: Path):
+    write_packed(tmp_path, "train_waltz", 9)
+    lines: list[str] = []
+    (clip,) = import_clips([tmp_path / "skirt"], tmp_path / "out", progress=lines.append)
+    assert clip.path == tmp_path / "out/train/waltz.h5"
+    assert lines[0].startswith(f"[1/1] {clip.path} 9 frames")
+    scene = make_scene()
+    V = make_vertices(scene, make_motion(scene, 9))
+    with open_sequence(clip.path) as sequence:
+        assert np.abs(sequence.read(0, 9) - V).max() <= HALF_STEP
+        assert (sequence.name, sequence.fps, sequence.encoding) == ("waltz", 30.0, "int16")
+        expected = {"kind": "simulated", "split": "train", "source": "code"}
+        assert expected.items() <= sequence.attributes.items()
+        for part, stored in zip(scene, sequence.scene, strict=True):
+            for value, read in zip(part, stored, strict=True):
+                np.testing.assert_array_equal(value, read)
+
+
+def test_a_clip_is_imported_once_until_its_content_changes(tmp_path: Path):
+    source = write_packed(tmp_path, frames=5)
+    out = tmp_path / "out"
+    (first,) = import_clips([source], out, progress=quiet)
+    written = first.path.stat().st_mtime_ns
+    (again,) = import_clips([source], out, progress=quiet)
+    assert (first.skipped, again.skipped) == (False, True)
+    assert first.path.stat().st_mtime_ns == written
+    write_packed(tmp_path, frames=6)
+    (changed,) = import_clips([source], out, progress=quiet)
+    assert (changed.skipped, changed.frames) == (False, 6)
+
+
+def test_damaged_import_is_made_again(tmp_path: Path):
+    source = write_packed(tmp_path, frames=5)
+    (clip,) = import_clips([source], tmp_path / "out", progress=quiet)
+    clip.path.write_bytes(clip.path.read_bytes()[:5_000])
+    (again,) = import_clips([source], tmp_path / "out", progress=quiet)
+    assert not again.skipped
+    with open_sequence(clip.path) as sequence:
+        assert sequence.frames == 5
+
+
+def test_body_may_be_named(tmp_path: Path):
+    source = write_packed(tmp_path, frames=3)
+    (tmp_path / "avatar").rename(tmp_path / "elsewhere")
+    with pytest.raises(FileNotFoundError, match=r"its body .*avatar\.npz is not there; name it with --body"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    (clip,) = import_clips([source], tmp_path / "out", body=tmp_path / "elsewhere/avatar.npz", progress=quiet)
+    assert clip.frames == 3
+
+
+def _edit_npz(path: Path, change: Callable[[dict], None]) -> None:
+    with np.load(path) as file:
+        arrays = dict(file)
+    change(arrays)
+    np.savez(path, **arrays)
+
+
+def test_files_beside_the_clip_must_be_its_own(tmp_path: Path):
+    source = write_packed(tmp_path, frames=3)
+    pins = tmp_path / "skirt/pins.npz"
+    _edit_npz(pins, lambda a: a.update(pin_weights=np.roll(a["pin_weights"], 1, axis=1)))
+    with pytest.raises(
+        ValueError, match=r"in frame \d+ a pin is [\d.]+ mm from where the body carries it; use"
+    ):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    _edit_npz(pins, lambda a: a.update(pins=a["pins"] + 1))
+    with pytest.raises(ValueError, match=r"other vertices \(16\) than .*pins\.npz names"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    _edit_npz(pins, lambda a: a.pop("pin_weights"))
+    with pytest.raises(ValueError, match=r"pins\.npz: array 'pin_weights' is missing"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    pins.write_bytes(b"PK no archive")
+    with pytest.raises(OSError, match=r"pins\.npz is damaged or no \.npz file of plain arrays"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    np.savez(pins, pins=np.array([{}], object), pin_weights=np.zeros(1))
+    with pytest.raises(OSError, match=r"pins\.npz is damaged or no \.npz file of plain arrays"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    pins.unlink()
+    with pytest.raises(FileNotFoundError, match=r"simulated with a pins file; put it at"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    assert not list((tmp_path / "out").rglob("*.h5"))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda file: file.__delitem__("uv"), "dataset `uv` is missing; a packed clip needs"),
+        (lambda file: file.attrs.pop("fps"), "attribute fps is missing"),
+        (lambda file: file.attrs.update(length_unit="cm"), "length_unit is 'cm'"),
+        (lambda file: file["vertices_delta"].attrs.pop("scale"), "attribute scale of `vertices_delta`"),
+        (lambda file: file["root"].resize(8, axis=0), r"`root` has shape \(8, 3\).*t = 9"),
+    ],
+    ids=["no uv", "no fps", "cm", "no scale", "fewer frames"],
+)
+def test_packed_clip_that_does_not_fit_is_refused(tmp_path: Path, change, sentence: str):
+    source = write_packed(tmp_path)
+    with h5py.File(source, "r+") as file:
+        root = file["root"][()]
+        del file["root"]
+        file.create_dataset("root", data=root, maxshape=(None, 3))
+        change(file)
+    with pytest.raises(ValueError, match=sentence):
+        import_clips([source], tmp_path / "out", progress=quiet)
+
+
+def test_what_is_no_packed_clip_is_refused(tmp_path: Path):
+    clip = write_clip(tmp_path / "clip.h5", 3)
+    with pytest.raises(ValueError, match="is a sequence file already"):
+        import_clips([clip], tmp_path / "out", progress=quiet)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="holds no clips"):
+        import_clips([tmp_path / "empty"], tmp_path / "out", progress=quiet)
+
+
+def test_two_clips_of_one_name_are_refused(tmp_path: Path):
+    first = write_packed(tmp_path / "a", frames=3)
+    second = write_packed(tmp_path / "b", frames=4)
+    with pytest.raises(ValueError, match="was just written from another clip; rename one"):
+        import_clips([first, second], tmp_path / "out", progress=quiet)
+
+
+def test_shared_clip_decodes_and_its_pins_follow_the_body(shared_data: Path, tmp_path: Path):
+    """Against a whole-clip sum in 64 bits; pins within 0.1 mm of their skinned place."""
+    source = shared_data / "skirt/test_martial_07.h5"
+    with h5py.File(source) as file:
+        steps = file["vertices_delta"][()].astype(np.int64).cumsum(axis=1).cumsum(axis=0)
+        truth = steps * file["vertices_delta"].attrs["scale"] + file["root"][()].astype(float)[:, None]
+    (clip,) = import_clips([source], tmp_path, progress=quiet)
+    with open_sequence(clip.path) as sequence:
+        scene, motion = sequence.scene, sequence.motion
+        V = sequence.read(0, sequence.frames)
+    assert V.shape == (360, 2800, 3)
+    assert np.abs(V - truth).max() <= 0.026e-3
+    assert scene.pins is not None
+    positions = joint_positions(motion.rotations, motion.root, scene.body)
+    points = scene.garment.template[scene.pins.vertices]
+    posed = pose_points(points, scene.pins.weights, motion.rotations, positions, scene.body.joints)
+    assert np.abs(posed - V[:, scene.pins.vertices]).max() < 0.1e-3

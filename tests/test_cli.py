@@ -1,0 +1,94 @@
+"""The `garment-jax` command: commands run, refusals are one sentence and exit code 2."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from garment_jax.cli import main
+from tests.data.packed import write_packed
+from tests.reference.scene import write_clip
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_import_then_info(tmp_path: Path, capsys):
+    write_packed(tmp_path, "test_waltz", 5)
+    out = tmp_path / "out"
+    assert main(["import", str(tmp_path / "skirt"), "--out", str(out)]) == 0
+    assert "1 clips, 5 frames, 1 of them imported now" in capsys.readouterr().out
+    assert main(["info", str(out / "test/waltz.h5"), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)[str(out / "test/waltz.h5")]
+    assert (facts["frames"], facts["split"]) == (5, "test")
+    assert main(["info", str(out / "test/waltz.h5")]) == 0
+    assert "waltz" in capsys.readouterr().out
+
+
+def test_evaluate_prints_a_table_or_json(tmp_path: Path, capsys):
+    for part in ("pred", "truth"):
+        (tmp_path / part).mkdir()
+    pred, truth = (str(write_clip(tmp_path / part / "clip.h5", 6)) for part in ("pred", "truth"))
+    assert main(["evaluate", pred, truth]) == 0
+    assert "| clip | 6 |" in capsys.readouterr().out
+    assert main(["evaluate", pred, truth, "--json", "--every", "3", "--out", str(tmp_path / "f.json")]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["metrics"]["rmse_cm"] == 0
+    assert json.loads((tmp_path / "f.json").read_text()) == figures
+    assert main(["evaluate", str(tmp_path / "pred"), str(tmp_path / "truth"), "--json"]) == 0
+    assert [clip["clip"] for clip in json.loads(capsys.readouterr().out)] == ["clip"]
+
+
+def test_render_writes_pictures_and_names_them(tmp_path: Path, capsys):
+    clip = str(write_clip(tmp_path / "clip.h5", 3))
+    out = tmp_path / "pictures"
+    assert main(["render", clip, "--out", str(out), "--frames", "2", "--height", "80"]) == 0
+    written = capsys.readouterr().out.split()
+    assert written == [str(out / "clip_sheet.png")]
+    assert Path(written[0]).stat().st_size > 1_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["info", "nowhere.h5"], "no such file"),
+        (["import", "nowhere.h5", "--out", "out"], "no such file"),
+        (["evaluate", "nowhere.h5", "nowhere.h5"], "no such file"),
+        (["evaluate", ".", "nowhere.h5"], "a file and a folder"),
+        (["evaluate", ".", "."], "holds no predictions"),
+        (["render", "nowhere.h5", "--out", "o"], "no such file"),
+        (["render", "a.h5", "b.h5", "c.h5", "--out", "o"], "not 3 paths"),
+        (["info", "."], "neither a run nor a model"),
+    ],
+)
+def test_refusals_are_a_sentence_and_exit_code_2(tmp_path, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert sentence in error
+    assert error.count("\n") == 1
+
+
+def test_unknown_command_exits_with_2(capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["dance"])
+    assert stop.value.code == 2
+    assert "invalid choice: 'dance'" in capsys.readouterr().err
+
+
+def test_module_runs_and_help_needs_no_jax():
+    command = (
+        "import sys, runpy\n"
+        "sys.argv = ['garment-jax', '--help']\n"
+        "try: runpy.run_module('garment_jax', run_name='__main__')\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "assert 'jax' not in sys.modules and 'h5py' not in sys.modules"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", command], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    for name in ("import", "info", "evaluate", "render"):
+        assert name in result.stdout
