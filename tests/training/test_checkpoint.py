@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -87,14 +86,12 @@ def test_a_save_that_was_killed_is_not_seen_and_removed(tmp_path: Path) -> None:
     assert [path.name for path in saver.folder.iterdir()] == ["1"]
 
 
-def test_nothing_is_printed_no_thread_stays_and_30_mb_are_quick(tmp_path: Path, capfd: Any) -> None:
+def test_nothing_is_printed_and_no_thread_stays(tmp_path: Path, capfd: Any) -> None:
     tree = {f"w{i}": np.random.default_rng(i).normal(size=(512, 512)).astype(np.float32) for i in range(30)}
     before = threading.active_count()
     saver = Checkpointer(tmp_path, "stage")
-    began = time.monotonic()
     saver.save(1, tree)
     saver.restore(tree)
-    assert time.monotonic() - began < 20  # 0.5 s measured; generous, because the machine may be busy
     assert threading.active_count() <= before
     assert capfd.readouterr() == ("", "")
 
