@@ -9,18 +9,18 @@ import numpy as np
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation import sted
+from garment_jax.evaluation.clip_tables import Tables, make_tables
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
 from garment_jax.evaluation.per_frame import Columns, every_frame, sampled_frames, skinned_template_error
 from garment_jax.evaluation.summary import clip_figures
-from garment_jax.evaluation.clip_tables import Tables, make_tables
 
 WINDOW = 64  # frames read at a time
 
 
 def evaluate_files(
-    pred: Path,
-    truth: Path,
+    pred: str | Path,
+    truth: str | Path,
     *,
     every: int = 1,
     sted_c: float = sted.WEIGHT,

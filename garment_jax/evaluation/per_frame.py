@@ -5,11 +5,11 @@ import numpy as np
 from garment_jax.body.kinematics import collider_points, pose_body
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift, sted
+from garment_jax.evaluation.clip_tables import Tables
 from garment_jax.evaluation.hausdorff import hausdorff_frame
 from garment_jax.evaluation.penetration import TOLERANCE_MM, penetration, signed_distance
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
-from garment_jax.evaluation.clip_tables import Tables
 
 Columns = dict[str, np.ndarray]  # name with unit -> one value a frame
 

@@ -1,0 +1,41 @@
+"""A short film of a clip as an animated GIF: simulated, predicted and the error side by side."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+SAMPLES = 8  # pictures that the palette is made from
+
+
+def film_frames(frames: int, fps: float, *, film_fps: float, seconds: float) -> np.ndarray:
+    """Return the clip's frames `[k]` that a film of at most `seconds` shows at `film_fps`.
+
+    The nearest earlier frame at each of the film's own times; a clip slower than the film is shown
+    frame by frame.
+    """
+    step = max(fps / film_fps, 1.0)
+    return np.unique(np.arange(0, min(frames, seconds * fps), step).astype(int))
+
+
+def save_gif(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, colours: int = 255) -> None:
+    """Write `pictures` `[h, w, 3]` uint8 as a looping GIF.
+
+    One palette for all, from pictures spread over the film: palettes of their own flicker, and one
+    from the first frame lacks the error's later colours. No dithering: its noise does not compress.
+    """
+    images = [Image.fromarray(p) for p in pictures]
+    chosen = images[:: max(len(images) // SAMPLES, 1)]
+    mosaic = Image.fromarray(np.concatenate([np.asarray(image) for image in chosen]))
+    palette = mosaic.quantize(colours, method=Image.Quantize.MEDIANCUT)
+    small = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    edges = np.round(100.0 * np.arange(len(small) + 1) / film_fps)  # GIF counts hundredths of a second
+    small[0].save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=small[1:],
+        duration=[int(d) for d in 10 * np.diff(edges)],
+        loop=0,
+    )

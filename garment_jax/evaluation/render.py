@@ -1,0 +1,199 @@
+"""`garment-jax render`: contact sheets, the error curve and a short film of sequence files."""
+
+import os
+from collections.abc import Sequence as Many
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.evaluation.animation import film_frames, save_gif
+from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
+from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
+from garment_jax.evaluation.error_curve import save_error_curve
+from garment_jax.evaluation.pair import check_pair, read_finite
+from garment_jax.evaluation.rmse import vertex_distance
+from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
+
+WINDOW = 64  # frames read at a time
+FILM_FPS, FILM_HEIGHT = 15.0, 240
+
+
+def render_files(
+    paths: Many[str | Path],
+    out: str | Path,
+    *,
+    frames: int = 6,
+    animation: bool = False,
+    scale_cm: float | None = None,
+    azimuth: float = 35.0,
+    side_view: bool = False,
+    whole_body: bool = False,
+    height: int = 360,
+    seconds: float = 6.0,
+) -> list[Path]:
+    """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
+
+    Writes `NAME_sheet.png` with `frames` columns; of two files also the error heat map in the sheet
+    (colours up to `scale_cm`, by default a round number that covers 99 of 100 vertices) and
+    `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
+    `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front, `height`
+    of a picture in pixels. Returns what was written.
+
+    Raises `ValueError` for another number of files, files that do not belong together and
+    settings out of range. Works without a display.
+    """
+    _check_settings(paths, frames, height, seconds, scale_cm)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        clips = [stack.enter_context(open_sequence(path)) for path in paths]
+        if len(clips) == 2:
+            check_pair(clips[0], clips[1])
+        name, written, title = clips[-1].name, [], _title(clips[-1])
+        if len(clips) == 2:
+            written.append(out / f"{name}_error.png")
+            title += f", RMSE {_error_curve(clips, written[0]):.2f} cm"
+        views = [(azimuth, "sheet"), (90.0, "side")] if side_view else [(azimuth, "sheet")]
+        for angle, word in views:
+            path = out / f"{name}_{word}.png"
+            _sheet(clips, path, title, frames, height, angle, scale_cm, whole_body)
+            written.append(path)
+        if animation:
+            path = out / f"{name}.gif"
+            _film(clips, path, azimuth, scale_cm, seconds, whole_body)
+            written.append(path)
+        return written
+
+
+def _check_settings(
+    paths: Many[str | Path], frames: int, height: int, seconds: float, scale_cm: float | None
+) -> None:
+    if len(paths) not in (1, 2):
+        raise ValueError(f"{len(paths)} files to render; give one clip, or a prediction and its truth.")
+    if frames < 1:
+        raise ValueError(f"frames={frames} must be 1 or more; 6 makes a good sheet.")
+    if not 32 <= height <= 4096:
+        raise ValueError(f"height={height} pixels must lie between 32 and 4096; try 360.")
+    if seconds <= 0:
+        raise ValueError(f"seconds={seconds:g} must be above 0; try 6.")
+    if scale_cm is not None and not scale_cm > 0:
+        raise ValueError(f"scale_cm={scale_cm:g} must be above 0; leave it out for a round one.")
+
+
+def _error_curve(clips: list[Sequence], path: Path) -> float:
+    """Write the curve and return the clip's RMSE in cm."""
+    pred, truth = clips
+    distance = []
+    for start in range(0, truth.frames, WINDOW):
+        stop = min(start + WINDOW, truth.frames)
+        d = vertex_distance(read_finite(pred, start, stop), read_finite(truth, start, stop))
+        distance.append(np.stack([np.sqrt((d**2).mean(axis=1)), d.max(axis=1)]))
+    rmse_cm, largest_cm = np.concatenate(distance, axis=1)
+    save_error_curve(path, rmse_cm, largest_cm, fps=truth.fps, title=truth.name)
+    return float(np.sqrt((rmse_cm**2).mean()))
+
+
+def _sheet(
+    clips: list[Sequence],
+    path: Path,
+    title: str,
+    frames: int,
+    height: int,
+    azimuth: float,
+    scale_cm: float | None,
+    whole_body: bool,
+) -> None:
+    clip = clips[-1]
+    count = min(frames, clip.frames)
+    shown = ((np.arange(count) + 0.5) * clip.frames / count).astype(int)
+    garments = [read_frames(c, shown) for c in clips]
+    bodies, root, yaw = body_at(clip, shown)
+    framing = frame_clips(bodies, garments, root, yaw, height=height, azimuth=azimuth, whole_body=whole_body)
+    rows, scale = _rows(clips, garments, bodies, root, yaw, framing, scale_cm)
+    heads = [f"{f / clip.fps:.1f} s" for f in shown]
+    sheet = contact_sheet(title, heads, rows, scale)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        sheet.save(temporary, format="PNG", optimize=True)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _title(clip: Sequence) -> str:
+    n = len(clip.scene.garment.template)
+    return f"{clip.name}   {n:,} vertices, {clip.frames:,} frames at {clip.fps:g} fps"
+
+
+def _label(clip: Sequence) -> str:
+    return str(clip.attributes.get("kind", "clip"))
+
+
+def _rows(
+    clips: list[Sequence],
+    garments: list[np.ndarray],
+    bodies: np.ndarray,
+    root: np.ndarray,
+    yaw: np.ndarray,
+    framing: Framing,
+    scale_cm: float | None,
+) -> tuple[list[Row], Scale | None]:
+    """Return the sheet's rows: the clip alone, or truth, prediction and error."""
+
+    def draw(garment: np.ndarray, colours: np.ndarray, k: int, lit: float = 1.0) -> np.ndarray:
+        camera = camera_at(framing, root[k], float(yaw[k]), supersampling=2)
+        scene = clips[-1].scene
+        return picture(
+            bodies[k], scene.body.faces, garment[k], scene.garment.faces, colours, camera,
+            lit=lit, floor=framing.floor,
+        )  # fmt: skip
+
+    columns = range(len(bodies))
+    if len(clips) == 1:
+        return [Row(_label(clips[0]), [draw(garments[0], TRUTH, k) for k in columns], [])], None
+    pred, truth = garments
+    error = vertex_distance(pred, truth)
+    scale = Scale(scale_cm or round_scale(error), float(error.max()))
+    captions = [f"RMSE {np.sqrt((e**2).mean()):.1f} cm, largest {e.max():.1f}" for e in error]
+    maps = [draw(pred, heat(error[k], scale.end_cm), k, 0.0) for k in columns]
+    return [
+        Row("simulated", [draw(truth, TRUTH, k) for k in columns], []),
+        Row("predicted", [draw(pred, PREDICTION, k) for k in columns], []),
+        Row("error", maps, captions),
+    ], scale
+
+
+def _film(
+    clips: list[Sequence],
+    path: Path,
+    azimuth: float,
+    scale_cm: float | None,
+    seconds: float,
+    whole_body: bool,
+) -> None:
+    """Write the film, one frame of the clip in memory at a time beside the finished pictures."""
+    clip = clips[-1]
+    shown = film_frames(clip.frames, clip.fps, film_fps=FILM_FPS, seconds=seconds)
+    probe = shown[:: max(len(shown) // 12, 1)]
+    bodies, root, yaw = body_at(clip, probe)
+    garments = [read_frames(c, probe) for c in clips]
+    framing = frame_clips(
+        bodies, garments, root, yaw, height=FILM_HEIGHT, azimuth=azimuth, follow=False, whole_body=whole_body
+    )
+    if scale_cm is None and len(clips) == 2:
+        scale_cm = round_scale(vertex_distance(*garments))
+
+    def panel(frame: int) -> np.ndarray:
+        here = np.array([frame])
+        body, at, turn = body_at(clip, here)
+        rows, _ = _rows(clips, [read_frames(c, here) for c in clips], body, at, turn, framing, scale_cm)
+        return np.concatenate([row.pictures[0] for row in rows], axis=1)
+
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        save_gif(temporary, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,142 @@
+import json
+
+import numpy as np
+import pytest
+
+from garment_jax.body.root_frame import yaw_matrix
+from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.evaluation import command, sted
+from garment_jax.evaluation.command import evaluate_files
+from garment_jax.evaluation.hausdorff import hausdorff
+from garment_jax.evaluation.rmse import mean_distance, rmse
+from garment_jax.evaluation.summary import mean_metrics
+from garment_jax.evaluation.table import COLUMNS, format_table
+from tests.reference.scene import make_motion, make_scene, make_vertices
+
+FRAMES = 40
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return make_scene()
+
+
+def _write(path, scene, motion, V, **options):
+    with SequenceWriter(path, scene, motion, encoding="float32", **options) as writer:
+        writer.append(V)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pair(scene, tmp_path_factory):
+    """A prediction and its truth: the same motion, other folds."""
+    folder = tmp_path_factory.mktemp("pair")
+    motion = make_motion(scene, FRAMES)
+    truth = _write(folder / "truth.h5", scene, motion, make_vertices(scene, motion, 0))
+    pred = _write(folder / "pred.h5", scene, motion, make_vertices(scene, motion, 1))
+    return pred, truth
+
+
+@pytest.fixture(scope="module")
+def result(pair):
+    return evaluate_files(*pair, every=5)
+
+
+def _vertices(path):
+    with open_sequence(path) as clip:
+        return clip.read(0, clip.frames).astype(np.float64) - clip.motion.root[:, None]
+
+
+def test_equals_the_metrics_of_the_whole_clip(pair, result, scene):
+    V, V_star = map(_vertices, pair)
+    metrics, faces = result["metrics"], scene.garment.faces
+    assert metrics["rmse_cm"] == pytest.approx(rmse(V, V_star))
+    assert metrics["mean_distance_cm"] == pytest.approx(mean_distance(V, V_star))
+    assert metrics["hausdorff_cm"] == pytest.approx(hausdorff(V, V_star, faces, every=5))
+    whole = sted.sted(V, V_star, faces)
+    assert metrics["sted_spatial"] == pytest.approx(whole.spatial)
+    assert metrics["sted_temporal"] == pytest.approx(whole.temporal)
+    assert metrics["sted"] == pytest.approx(whole.combined)
+    assert len(result["per_frame"]["rmse_cm"]) == FRAMES
+    assert result["per_sampled_frame"]["frame"] == list(range(0, FRAMES, 5))
+
+
+@pytest.mark.parametrize("window", [1, 7, 39])
+def test_windows_change_nothing(pair, result, window, monkeypatch):
+    monkeypatch.setattr(command, "WINDOW", window)
+    again = evaluate_files(*pair, every=5)
+    for name, value in result["metrics"].items():
+        assert again["metrics"][name] == pytest.approx(value, rel=1e-9), name
+
+
+def test_a_rigid_motion_of_both_changes_no_metric(pair, result, scene, tmp_path):
+    turn, shift = yaw_matrix(np.array(2.391)), np.array([40.0, 0.0, -25.0])
+    moved = []
+    for path in pair:
+        with open_sequence(path) as clip:
+            m = clip.motion
+            V = clip.read(0, clip.frames) @ turn.T + shift
+        motion = m._replace(
+            rotations=(turn @ m.rotations).astype(np.float32),
+            root=(m.root @ turn.T + shift).astype(np.float32),
+        )
+        moved.append(_write(tmp_path / path.name, scene, motion, V.astype(np.float32)))
+    again = evaluate_files(*moved, every=5)["metrics"]
+    for name, value in result["metrics"].items():
+        if value is not None:
+            assert again[name] == pytest.approx(value, rel=2e-3, abs=2e-3), name
+
+
+def test_the_truth_against_itself_is_perfect(pair):
+    metrics = evaluate_files(pair[1], pair[1], every=20)["metrics"]
+    for name in ("rmse_cm", "hausdorff_cm", "sted", "hem_height_difference_cm"):
+        assert metrics[name] == 0.0
+    ratios = {k: v for k, v in metrics.items() if k.endswith("_ratio") and v is not None}
+    assert set(ratios.values()) == {1.0}
+    assert "laplacian_power_ratio" in ratios
+    assert metrics["drift_ratio"] is None  # no error has no drift
+
+
+def test_penetration_sees_a_garment_pushed_into_the_body(pair, scene, tmp_path):
+    with open_sequence(pair[1]) as clip:
+        motion, V = clip.motion, clip.read(0, clip.frames)
+    axis = motion.root[:, None] * [1, 0, 1] + V * [0, 1, 0]
+    thin = _write(tmp_path / "thin.h5", scene, motion, (axis + 0.3 * (V - axis)).astype(np.float32))
+    metrics = evaluate_files(thin, pair[1], every=20)["metrics"]
+    assert metrics["inside_percent"] > 10
+    assert metrics["deepest_mm"] > 10
+
+
+def test_without_collider_pins_or_arms_the_rest_is_measured(pair, scene, tmp_path):
+    bare = scene._replace(collider=None, pins=None)
+    paths = []
+    for path in pair:
+        with open_sequence(path) as clip:
+            paths.append(_write(tmp_path / path.name, bare, clip.motion, clip.read(0, clip.frames)))
+    metrics = evaluate_files(*paths, every=20)["metrics"]
+    assert metrics["inside_percent"] is None
+    assert metrics["hem_motion_std_ratio"] > 0
+    assert "–" in format_table(evaluate_files(*paths, every=20))
+    assert evaluate_files(*pair, every=20, arms=False)["metrics"]["arms_inside_percent"] is None
+
+
+def test_result_is_plain_json_and_every_number_has_its_unit(result):
+    json.dumps(result, allow_nan=False)
+    plain = ("sted", "_ratio", "_edges", "sted_spatial", "sted_temporal")
+    for name in result["metrics"]:
+        assert name.endswith(("_cm", "_mm", "_percent", "_cm2", *plain)), name
+
+
+def test_table_has_a_row_a_clip_and_the_mean(result):
+    table = format_table([result, result])
+    rows = [line for line in table.splitlines() if line.startswith("|")]
+    assert len(rows) == 2 + 2 + 1
+    assert len({row.count("|") for row in rows}) == 1
+    assert f"{result['metrics']['rmse_cm']:.2f}" in rows[-1]
+    assert "c = 0.1" in table
+    assert {name for _, name, _ in COLUMNS} <= set(result["metrics"])
+    assert mean_metrics([result, result])["rmse_cm"] == pytest.approx(result["metrics"]["rmse_cm"])
+    with pytest.raises(ValueError, match="0 results"):
+        mean_metrics([])
+    with pytest.raises(ValueError, match="every=0"):
+        evaluate_files(result["prediction"], result["truth"], every=0)

@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+import trimesh
+
+from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.evaluation.penetration import neighbour_faces, penetration, signed_distance
+from tests.reference.scene import make_motion, make_scene
+
+
+def _winding(points, corners):
+    """Generalised winding number by solid angles (Van Oosterom and Strackee), 1 inside, 0 outside."""
+    total = np.zeros(len(points))
+    for a, b, c in corners:
+        u, v, w = a - points, b - points, c - points
+        lu, lv, lw = (np.linalg.norm(x, axis=1) for x in (u, v, w))
+        top = (u * np.cross(v, w)).sum(1)
+        below = lu * lv * lw + (u * v).sum(1) * lw + (v * w).sum(1) * lu + (w * u).sum(1) * lv
+        total += 2 * np.arctan2(top, below)
+    return total / (4 * np.pi)
+
+
+def _box_distance(points, half):
+    """Closed form of the signed distance to a box."""
+    q = np.abs(points) - half
+    return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(axis=1), 0)
+
+
+def test_box_in_closed_form_at_faces_edges_and_corners():
+    box = trimesh.creation.box(extents=(2.0, 1.0, 0.5))
+    points = np.random.default_rng(4).uniform(-1.6, 1.6, (600, 3))
+    distance = signed_distance(points, box.vertices, box.faces, neighbour_faces(box.faces))
+    np.testing.assert_allclose(distance, _box_distance(points, [1.0, 0.5, 0.25]), atol=1e-12)
+
+
+def test_sign_equals_the_winding_number_and_size_trimesh_on_a_concave_solid():
+    mesh = trimesh.creation.icosphere(2)
+    r = 1 + 0.45 * np.sin(4 * mesh.vertices[:, :1]) * np.cos(5 * mesh.vertices[:, 1:2])
+    vertices, faces = mesh.vertices * r, mesh.faces
+    points = np.random.default_rng(5).uniform(-1.5, 1.5, (200, 3))
+    distance = signed_distance(points, vertices, faces, neighbour_faces(faces))
+    inside = _winding(points, vertices[faces]) > 0.5
+    np.testing.assert_array_equal(distance < 0, inside)
+    corners = vertices[faces]
+    for p, d in zip(points[:40], distance[:40], strict=True):
+        at = trimesh.triangles.closest_point(corners, np.tile(p, (len(corners), 1)))
+        assert abs(d) == pytest.approx(np.linalg.norm(at - p, axis=1).min())
+
+
+def test_posed_collider_of_the_reference_scene_has_an_inside():
+    scene = make_scene()
+    motion = make_motion(scene, 3)
+    body = pose_body(scene.body, motion, np.array([2]))
+    collider = collider_points(scene.collider, body)[0].astype(np.float64)
+    faces = scene.collider.faces
+    corners = collider[faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    outside, inside = corners.mean(1) + 1e-4 * flat, corners.mean(1) - 1e-4 * flat
+    neighbours = neighbour_faces(faces)
+    assert (signed_distance(outside, collider, faces, neighbours) > 0).all()
+    assert (signed_distance(inside, collider, faces, neighbours) < 0).all()
+
+
+def test_neighbours_are_the_faces_across_each_edge():
+    faces = trimesh.creation.box().faces
+    across = neighbour_faces(faces)
+    for f in range(len(faces)):
+        for i in range(3):
+            edge = {int(faces[f, i]), int(faces[f, (i + 1) % 3])}
+            assert across[f, i] != f
+            assert edge <= set(faces[across[f, i]].tolist())
+
+
+@pytest.mark.parametrize("damage", ["open", "flipped"])
+def test_a_surface_without_an_inside_is_refused(damage):
+    faces = trimesh.creation.box().faces.copy()
+    faces = faces[1:] if damage == "open" else np.concatenate([faces[:1, ::-1], faces[1:]])
+    with pytest.raises(ValueError, match="edges without exactly two faces"):
+        neighbour_faces(faces)
+
+
+def test_penetration_counts_below_a_tenth_of_a_millimetre_and_finds_the_deepest():
+    figures = penetration(np.array([0.01, -0.00005, -0.00011, -0.02]))
+    assert figures.inside_percent == pytest.approx(50.0)
+    assert figures.deepest_mm == pytest.approx(20.0)
+    assert penetration(np.array([0.01, 0.02])) == (0.0, 0.0)

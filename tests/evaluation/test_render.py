@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from PIL import Image
+
+from garment_jax.evaluation import render
+from garment_jax.evaluation.animation import film_frames, save_gif
+from garment_jax.evaluation.colours import HEAT, heat, round_scale
+from garment_jax.evaluation.render import render_files
+from garment_jax.evaluation.shading import vertex_normals
+from tests.reference.scene import make_motion, make_scene, write_clip
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("render")
+    scene = make_scene()
+    motion = make_motion(scene, 12)
+    return [
+        write_clip(folder / f"{n}.h5", seed=i, scene=scene, motion=motion) for i, n in enumerate(("p", "t"))
+    ]
+
+
+def test_a_pair_gives_sheet_curve_side_view_and_film(pair, tmp_path, monkeypatch):
+    monkeypatch.setattr(render, "FILM_HEIGHT", 48)
+    written = render_files(
+        pair, tmp_path, frames=3, animation=True, side_view=True, height=64, seconds=0.2, scale_cm=4.0
+    )
+    assert [p.name for p in written] == ["t_error.png", "t_sheet.png", "t_side.png", "t.gif"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in written)
+    with Image.open(written[1]) as sheet:
+        pixels = np.asarray(sheet.convert("RGB")).astype(int)
+    assert pixels.shape[0] > 3 * 64
+    assert (pixels[..., 2] > pixels[..., 0] + 40).sum() > 100  # the truth is blue
+    assert (pixels[..., 0] > pixels[..., 2] + 40).sum() > 100  # the prediction is red
+    with Image.open(written[3]) as film:
+        assert film.n_frames == 3
+
+
+def test_one_clip_gives_one_row(pair, tmp_path):
+    written = render_files(pair[1:], tmp_path / "new", frames=2, height=64)
+    assert [p.name for p in written] == ["t_sheet.png"]
+    with Image.open(written[0]) as sheet:
+        assert sheet.height < 2 * 64 + 80
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"frames": 0}, "frames=0"),
+        ({"height": 5}, "height=5"),
+        ({"seconds": 0.0}, "seconds=0"),
+        ({"scale_cm": -1.0}, "scale_cm=-1"),
+    ],
+)
+def test_settings_out_of_range_are_refused(pair, tmp_path, options, words):
+    with pytest.raises(ValueError, match=words):
+        render_files(pair, tmp_path, **options)
+
+
+def test_other_numbers_of_files_and_strange_pairs_are_refused(pair, tmp_path):
+    with pytest.raises(ValueError, match="0 files"):
+        render_files([], tmp_path)
+    other = write_clip(tmp_path / "short.h5", frames=5)
+    with pytest.raises(ValueError, match="5 frames"):
+        render_files([other, pair[1]], tmp_path)
+
+
+def test_heat_runs_from_no_error_to_the_scales_end_and_stays_there():
+    np.testing.assert_allclose(heat(np.array([0.0, 5.0, 50.0]), 5.0), HEAT[[0, -1, -1]])
+    np.testing.assert_allclose(heat(np.array([1.5]), 5.0), (HEAT[1] + HEAT[2])[None] / 2)
+
+
+def test_scale_is_round_and_covers_99_of_100():
+    assert round_scale(np.linspace(0, 7.0, 1000)) == 8.0
+    assert round_scale(np.full(10, 0.3)) == pytest.approx(0.3)
+    assert round_scale(np.zeros(10)) == 1.0
+    assert round_scale(np.append(np.full(999, 2.0), 90.0)) == 2.0
+
+
+def test_film_keeps_the_clips_speed(tmp_path):
+    np.testing.assert_array_equal(film_frames(100, 30.0, film_fps=15.0, seconds=1.0), np.arange(0, 30, 2))
+    np.testing.assert_array_equal(film_frames(5, 10.0, film_fps=15.0, seconds=9.0), np.arange(5))
+    noise = np.random.default_rng(9).integers(0, 255, (15, 8, 8, 3), dtype=np.uint8)
+    save_gif(tmp_path / "a.gif", list(noise), film_fps=15.0)
+    total = 0
+    with Image.open(tmp_path / "a.gif") as film:
+        for k in range(film.n_frames):
+            film.seek(k)
+            total += film.info["duration"]
+    assert total == 1000
+
+
+def test_normals_of_a_ball_point_outward_and_a_lonely_vertex_has_none():
+    trimesh = pytest.importorskip("trimesh")
+    ball = trimesh.creation.icosphere(2)
+    vertices = np.concatenate([ball.vertices, [[9.0, 9, 9]]])
+    normals = vertex_normals(vertices, ball.faces)
+    assert ((normals[:-1] * ball.vertices).sum(axis=1) > 0.99).all()
+    assert (normals[-1] == 0).all()
