@@ -27,10 +27,12 @@ def test_decoding_inverts_packing_in_any_window():
         np.testing.assert_array_equal(np.concatenate(list(decode_steps(pack(steps), window=window))), steps)
 
 
-def test_sums_beyond_16_bits_are_exact():
-    """Differences fit into 16 bits, their sum does not: 40 frames of 1,000 steps each."""
-    steps = np.broadcast_to(np.arange(1, 41, dtype=np.int32)[:, None, None] * 1_000, (40, 2, 3))
-    np.testing.assert_array_equal(np.concatenate(list(decode_steps(pack(steps), window=16))), steps)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_sums_beyond_16_bits_are_exact(axis: int):
+    """Differences fit into 16 bits, their sum over frames or over vertices does not: 40 × 1,000 steps."""
+    ramp = np.arange(1, 41, dtype=np.int32) * 1_000
+    steps = np.tile(np.expand_dims(ramp, (1 - axis, 2)), (1, 5, 3) if axis == 0 else (5, 1, 3))
+    np.testing.assert_array_equal(np.concatenate(list(decode_steps(pack(steps)))), steps)
 
 
 def test_imported_clip_equals_its_source(tmp_path: Path):
