@@ -1,0 +1,51 @@
+"""What collision handling returns, and what each outcome means."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import jax
+
+
+class Outcome(IntEnum):
+    """How a frame ended (`CollisionResult.outcome`)."""
+
+    NOTHING_TO_DO = 0
+    CONVERGED = 1
+    STEPS_SPENT = 2
+    MARGIN_MISSED = 3
+    STILL_INSIDE = 4
+    NOT_FINITE = 5
+
+
+MESSAGES = {
+    Outcome.NOTHING_TO_DO: "Every free vertex was outside by the margin; the input came back unchanged.",
+    Outcome.CONVERGED: "Every free vertex is outside by the margin and the steps fell below the tolerance.",
+    Outcome.STEPS_SPENT: "Every free vertex is outside by the margin, but the step budget ended before the "
+    "tolerance was met; raise `iterations` for a smoother garment.",
+    Outcome.MARGIN_MISSED: "No free vertex is inside, but some are nearer than the margin, as between two "
+    "parts of the body that touch; lower `eps` or accept it.",
+    Outcome.STILL_INSIDE: "Some free vertices are still inside the body after the last projection; parts of "
+    "the body may cross each other there, or `projections` is too small.",
+    Outcome.NOT_FINITE: "The garment or the body holds a NaN or an infinite coordinate; the input came back "
+    "with its pins in place and nothing else was done.",
+}
+
+
+class CollisionState(NamedTuple):
+    """What one frame hands to the next: where each vertex found the body."""
+
+    triangle: jax.Array  # [n] int32 row of the surface tables
+
+
+class CollisionResult(NamedTuple):
+    """One frame after collision handling. Depths and counts leave out the pinned vertices."""
+
+    V: jax.Array  # [n, 3] metres, in the frame of the input
+    deepest_before: jax.Array  # [] metres inside the body, 0 if none
+    deepest_after: jax.Array  # [] metres
+    penetrating_before: jax.Array  # [] int32 vertices with a negative signed distance
+    penetrating_after: jax.Array  # [] int32
+    steps: jax.Array  # [] int32 gradient steps taken
+    objective: jax.Array  # [] metres, ||Lap(V_f) - Lap(V)||, the norm over the whole mesh
+    converged: jax.Array  # [] bool
+    outcome: jax.Array  # [] int32, an `Outcome`; `MESSAGES` has its sentence

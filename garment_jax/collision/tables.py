@@ -1,0 +1,98 @@
+"""Static tables of a garment and a collider for collision handling (host, NumPy, once per pair)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.geometry.laplacian import LaplacianTable
+from garment_jax.geometry.surface_tables import SurfaceTables, make_surface_tables, point_groups
+from garment_jax.structs import Collider, RiggedBody
+
+
+class CollisionTables(NamedTuple):
+    """Everything about a garment and a collider that does not change from frame to frame (static)."""
+
+    surface: SurfaceTables
+    groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
+    own: np.ndarray  # [g, 8] bool, False where a vertex is repeated to fill a group
+    index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
+    weight: np.ndarray  # [n, k] float32 the Laplacian's stencil
+    weight_back: np.ndarray  # [n, k] float32 its transpose on the same neighbours
+    lipschitz: np.ndarray  # [] float32 largest eigenvalue of Lap^T Lap
+
+
+def make_collider_tables(collider: Collider, body: RiggedBody) -> SurfaceTables:
+    """Return the closest-point tables of the part of `body` that the cloth can touch.
+
+    Posed vertices are expected in the order of `Collider`: the body's, then the cap's centre if any.
+    Raises `ValueError` for an index outside the body.
+    """
+    b = len(body.vertices)
+    for name in ("body_vertices", "cap_loop"):
+        index = np.asarray(getattr(collider, name))
+        if index.size and (index.min() < 0 or index.max() >= b):
+            worst = index.min() if index.min() < 0 else index.max()
+            raise ValueError(f"collider.{name} names vertex {worst} of a body with {b}; export it for this body.")
+    rest = np.asarray(body.vertices)[collider.body_vertices]
+    if len(collider.cap_loop):
+        rest = np.concatenate([rest, body.vertices[collider.cap_loop].mean(axis=0, keepdims=True)])
+    return make_surface_tables(rest, collider.faces)
+
+
+def make_collision_tables(
+    template: np.ndarray, table: LaplacianTable, surface: SurfaceTables
+) -> CollisionTables:
+    """Return the tables for a garment with this `template` `[n, 3]` (metres) and Laplacian stencil.
+
+    Raises `ValueError` when template and stencil differ in their number of vertices.
+    """
+    if len(template) != len(table.index):
+        raise ValueError(
+            f"the template has {len(template)} vertices and the Laplacian {len(table.index)}; make both from one mesh."
+        )
+    groups = point_groups(template)
+    own = np.zeros(groups.shape, bool)
+    own.reshape(-1)[np.unique(groups.reshape(-1), return_index=True)[1]] = True
+    back = transposed_weights(table)
+    bound = np.float32(lipschitz(table, back))
+    weight = np.asarray(table.weight, np.float32)
+    return CollisionTables(surface, groups, own, np.asarray(table.index), weight, back, bound)
+
+
+def transposed_weights(table: LaplacianTable) -> np.ndarray:
+    """Return `[n, k]` weights w_ji at the slots of w_ij, so that the transpose is a gather too.
+
+    Raises `ValueError` when the one-ring is not symmetric.
+    """
+    n, k = table.index.shape
+    row = np.repeat(np.arange(n), k)
+    column = np.asarray(table.index).reshape(-1)
+    real = row != column
+    forward, backward = row * n + column, column * n + row
+    order = np.argsort(forward[real])
+    sorted_codes = forward[real][order]
+    place = np.searchsorted(sorted_codes, backward[real])
+    if not np.array_equal(sorted_codes[np.minimum(place, len(order) - 1)], backward[real]):
+        raise ValueError("the Laplacian's one-ring is not symmetric; build it with uniform_table or cotangent_table.")
+    back = np.zeros(n * k, np.float32)
+    back[real] = np.asarray(table.weight).reshape(-1)[real][order[place]]
+    return back.reshape(n, k)
+
+
+def lipschitz(table: LaplacianTable, back: np.ndarray, *, steps: int = 60) -> float:
+    """Return an upper estimate of the largest eigenvalue of Lap^T Lap, by power iteration.
+
+    A few per cent are added, since the iteration comes from below and a step that is too long
+    diverges while one that is too short is only slow.
+    """
+    x = np.random.default_rng(0).normal(size=len(table.index))
+    total = table.weight.sum(axis=1)
+    value = 0.0
+    for _ in range(steps):
+        r = (table.weight * x[table.index]).sum(axis=1) - total * x
+        x = (back * r[table.index]).sum(axis=1) - total * r
+        value = float(np.linalg.norm(x))
+        if value == 0.0:
+            return 1.0  # no edges at all: nothing resists, and any step is right
+        x /= value
+    return 1.05 * value

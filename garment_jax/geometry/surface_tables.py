@@ -1,0 +1,140 @@
+"""Static tables of a closed triangle mesh for closest-point queries (host, NumPy, once per body).
+
+The triangles are cut into leaves of 8 that lie together, and 16 leaves make a branch. Only the
+grouping is static: the bounding spheres follow the posed vertices in every frame.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+LEAF = 8  # triangles; a power of two, the slot within a leaf is packed into 3 bits of the search's key
+BRANCH = 16  # leaves
+
+
+class SurfaceTables(NamedTuple):
+    """Connectivity and grouping of a closed, outward-oriented triangle mesh (static).
+
+    Its rows are the mesh's triangles in leaf order, `order` says which is which; a short leaf
+    repeats its triangles, and the repeated rows are equal in every respect.
+    """
+
+    faces: np.ndarray  # [r, 3] int32, r a multiple of LEAF * BRANCH
+    order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
+    across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
+    incident: np.ndarray  # [c, k] int32 corners 3 * row + corner of each vertex, padded with 3 r
+    surplus_vertex: np.ndarray  # [o] int32 vertices with more than k triangles, once per further corner
+    surplus_corner: np.ndarray  # [o] int32 that corner
+    thickness: np.ndarray  # [] float32 metres: no point inside the rest shape is deeper
+
+
+def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTables:
+    """Return the tables of the mesh with rest `vertices` `[c, 3]` (metres) and `faces` `[f, 3]`.
+
+    Raises `ValueError` when a face names a vertex that does not exist or there is no face.
+    """
+    faces = np.asarray(faces, np.int32)
+    vertices = np.asarray(vertices, np.float64)
+    if not len(faces):
+        raise ValueError("the collider has 0 faces; give a closed triangle mesh or no collider at all.")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        worst = faces.min() if faces.min() < 0 else faces.max()
+        raise ValueError(f"a collider face names vertex {worst} of {len(vertices)}; give its own indices.")
+    order = _leaf_order(vertices[faces].mean(axis=1))
+    row = np.empty(len(faces), np.int32)
+    row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
+    incident, surplus_vertex, surplus_corner = _incidence(faces, row, len(order), len(vertices))
+    across = row[_across(faces)][order]
+    thickness = np.float32(_thickness(vertices, faces))
+    return SurfaceTables(
+        faces[order], order, across, incident, surplus_vertex, surplus_corner, thickness
+    )
+
+
+def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:
+    """Return `[g, size]` int32 groups of `points` `[n, 3]` that lie together, padded by repetition.
+
+    Made once from a garment's template. The middle one comes first: it speaks for its group.
+    """
+    points = np.asarray(points, np.float64)
+    groups = []
+    for members in _bisect(points, size):
+        apart = ((points[members] - points[members].mean(axis=0)) ** 2).sum(axis=1)
+        groups.append(members[np.argsort(apart, kind="stable")])
+    return _pad_rows(groups, size)
+
+
+def _bisect(points: np.ndarray, size: int) -> list[np.ndarray]:
+    """Return index sets of at most `size` points, halving along the longest axis."""
+    done, todo = [], [np.arange(len(points))]
+    while todo:
+        members = todo.pop()
+        if len(members) <= size:
+            done.append(members)
+            continue
+        axis = np.ptp(points[members], axis=0).argmax()
+        members = members[np.argsort(points[members, axis], kind="stable")]
+        half = -(-len(members) // size) // 2 * size
+        todo += [members[half:], members[:half]]
+    return done
+
+
+def _pad_rows(rows: list[np.ndarray], size: int) -> np.ndarray:
+    return np.stack([np.resize(row, size) for row in rows]).astype(np.int32)
+
+
+def _leaf_order(centres: np.ndarray) -> np.ndarray:
+    """Return triangle numbers `[r]`, leaf after leaf, BRANCH leaves in a row lying together."""
+    branches = []
+    for members in _bisect(centres, LEAF * BRANCH):
+        rows = _pad_rows([members[row] for row in _bisect(centres[members], LEAF)], LEAF)
+        branches.append(rows[np.minimum(np.arange(BRANCH), len(rows) - 1)])
+    return np.concatenate(branches).reshape(-1)
+
+
+def _across(faces: np.ndarray) -> np.ndarray:
+    """Return the triangle across each edge; a border edge, or one of three triangles, gets itself."""
+    f = len(faces)
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, code, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(code, kind="stable")
+    owner = np.repeat(np.arange(f, dtype=np.int32), 3)
+    first = np.cumsum(count) - count
+    total = owner[order[first]] + owner[order[first + np.minimum(count, 2) - 1]]
+    across = np.where(count[code] == 2, total[code] - owner, owner)
+    return across.reshape(f, 3).astype(np.int32)
+
+
+def _incidence(faces, row, r: int, c: int, width: int = 8):
+    """Return the corners at each vertex, padded to `width`, and what a vertex has above that.
+
+    A cap's centre may have a hundred triangles; padding all to that would cost every vertex.
+    """
+    corner = (row[:, None] * 3 + np.arange(3, dtype=np.int32)).reshape(-1)
+    order = np.argsort(faces.reshape(-1), kind="stable")
+    corner, vertex = corner[order], faces.reshape(-1)[order]
+    valence = np.bincount(vertex, minlength=c)
+    slot = np.arange(len(vertex)) - np.repeat(np.cumsum(valence) - valence, valence)
+    incident = np.full((c, width), 3 * r, np.int32)
+    fits = slot < width
+    incident[vertex[fits], slot[fits]] = corner[fits]
+    return incident, vertex[~fits].astype(np.int32), corner[~fits]
+
+
+def _thickness(vertices: np.ndarray, faces: np.ndarray, sample: int = 1024) -> float:
+    """Return the largest radius of a ball inside the surface (metres), over `sample` triangles.
+
+    The ball that touches triangle i's centre from inside is empty up to radius
+    min_j |q_j - p_i|^2 / (2 n_i . (p_i - q_j)) over the other points q of the surface.
+    """
+    corners = vertices[faces]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-30)
+    centres = corners.mean(axis=1)
+    radius = 0.0
+    for i in np.unique(np.linspace(0, len(faces) - 1, min(sample, len(faces))).astype(int)):
+        away = centres[i] - vertices
+        height = away @ normal[i]
+        ball = (away**2).sum(axis=1)[height > 1e-9] / (2 * height[height > 1e-9])
+        radius = max(radius, ball.min() if ball.size else 0.0)
+    return float(radius)

@@ -1,0 +1,71 @@
+"""The closest point of a triangle, on separate coordinate arrays so that it vectorises.
+
+A triangle without area is the longest of its edges, one without length its first corner.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+Coordinates = tuple[Array, ...]  # x, y, z, each of the same shape
+
+
+def _dot(u, v):
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def _cross(u, v):
+    return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+
+
+def _inverse(x: Array) -> Array:
+    """Return 1 / x, and 0 (with a zero gradient) where x is 0: a collapsed edge is its first point."""
+    return jnp.where(x > 0, 1.0 / jnp.where(x > 0, x, 1.0), 0.0)
+
+
+def triangle_rows(a, ab, ac) -> list[Array]:
+    """Return what a test of a triangle needs: corner, edges, dual edges, products (22 arrays).
+
+    `x . g` are the barycentric coordinates of x's foot point. A triangle thinner than 1e-6 of its
+    edges has none and is tested by its edges alone.
+    """
+    ab2, ac2, abac = _dot(ab, ab), _dot(ac, ac), _dot(ab, ac)
+    bc2 = jnp.maximum(ab2 - 2 * abac + ac2, 0.0)
+    n = _cross(ab, ac)
+    n2 = _dot(n, n)
+    flat = n2 <= 1e-12 * ab2 * ac2
+    scale = jnp.where(flat, 0.0, 1.0 / jnp.where(flat, 1.0, n2))
+    g = [x * scale for x in (*_cross(ac, n), *_cross(n, ab))]
+    edges = [_inverse(x) for x in (ab2, ac2, bc2)]
+    return [*a, *ab, *ac, *g, ab2, ac2, abac, *edges, jnp.where(flat, -1.0, 0.0)]
+
+
+def closest_on_triangle(p, rows) -> tuple[Array, Array, Array, Array]:
+    """Return `(s, u, squared distance, region)` of the closest points a + s ab + u ac to `p`.
+
+    Region: 0 face; 1, 2, 3 edges (0,1), (1,2), (2,0); 4, 5, 6 corners 0, 1, 2.
+    """
+    a, ab, ac, gb, gc = (rows[3 * k : 3 * k + 3] for k in range(5))
+    ab2, ac2, abac, inv_ab, inv_ac, inv_bc, offset = rows[15:]
+    ap = tuple(x - y for x, y in zip(p, a, strict=True))
+    d1, d2 = _dot(ab, ap), _dot(ac, ap)
+    s, u = _dot(gb, ap) + offset, _dot(gc, ap)
+    inside = (s >= 0) & (u >= 0) & (s + u <= 1)
+    e1, e3 = jnp.clip(d1 * inv_ab, 0.0, 1.0), jnp.clip(d2 * inv_ac, 0.0, 1.0)
+    e2 = jnp.clip(((d2 - d1) - (abac - ab2)) * inv_bc, 0.0, 1.0)
+    f1, f3 = e1 * (e1 * ab2 - 2 * d1), e3 * (e3 * ac2 - 2 * d2)
+    t = 1 - e2
+    f2 = t * (t * ab2 - 2 * d1) + e2 * (e2 * ac2 - 2 * d2) + 2 * t * e2 * abac
+    first, third = (f1 <= f2) & (f1 <= f3), f3 < f2
+    edge_s = jnp.where(first, e1, jnp.where(third, 0.0, t))
+    edge_u = jnp.where(first, 0.0, jnp.where(third, e3, e2))
+    s, u = jnp.where(inside, s, edge_s), jnp.where(inside, u, edge_u)
+    r = [x - s * y - u * z for x, y, z in zip(ap, ab, ac, strict=True)]
+    return s, u, _dot(r, r), jnp.where(inside, 0, _region(s, u, first, third))
+
+
+def _region(s: Array, u: Array, first: Array, third: Array) -> Array:
+    edge = jnp.where(first, 1, jnp.where(third, 3, 2))
+    corner = jnp.where(s >= 1, 5, jnp.where(u >= 1, 6, 4))
+    return jnp.where((s >= 1) | (u >= 1) | ((s <= 0) & (u <= 0)), corner, edge)
+
+
