@@ -86,6 +86,17 @@ def test_a_save_that_was_killed_is_not_seen_and_removed(tmp_path: Path) -> None:
     assert [path.name for path in saver.folder.iterdir()] == ["1"]
 
 
+def test_a_checkpoint_appears_by_one_rename_only(tmp_path: Path, monkeypatch: Any) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    saver = Checkpointer(tmp_path, "stage")
+    monkeypatch.setattr(checkpoint.os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        saver.save(1, {"x": jnp.zeros(2)})
+    assert list(saver.folder.iterdir()) == []
+
+
 def test_nothing_is_printed_and_no_thread_stays(tmp_path: Path, capfd: Any) -> None:
     tree = {f"w{i}": np.random.default_rng(i).normal(size=(512, 512)).astype(np.float32) for i in range(30)}
     before = threading.active_count()

@@ -72,14 +72,13 @@ def test_a_signal_finishes_the_step_saves_and_says_how_to_go_on(
     assert_same_bits(toy.train(tmp_path), uninterrupted[0])
 
 
-def test_a_signal_in_the_last_step_stops_what_would_follow(tmp_path: Path) -> None:
-    def signalling(state: Any, batch: Any) -> Any:
-        if int(state.opt_state[1].count) == toy.STEPS - 1:
-            os.kill(os.getpid(), signal.SIGTERM)
-        return toy.step_fn(state, batch)
+def test_a_signal_after_the_last_step_stops_what_would_follow(tmp_path: Path) -> None:
+    def signalling(_: Any) -> dict[str, float]:  # the validation after the last step
+        os.kill(os.getpid(), signal.SIGTERM)
+        return {"rmse_cm": 1.0}
 
     with pytest.raises(StoppedError):
-        toy.train(tmp_path, step=signalling)
+        toy.train(tmp_path, validate=signalling)
     assert Checkpointer(tmp_path, "toy").latest() == toy.STEPS
 
 
