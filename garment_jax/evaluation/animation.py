@@ -27,8 +27,9 @@ def save_gif(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, col
     """
     images = [Image.fromarray(p) for p in pictures]
     chosen = images[:: max(len(images) // SAMPLES, 1)]
-    mosaic = Image.fromarray(np.concatenate([np.asarray(image) for image in chosen]))
-    palette = mosaic.quantize(colours, method=Image.Quantize.MEDIANCUT)
+    # Each colour once: weighed by its area, the backdrop would take most of the palette.
+    inks = np.unique(np.concatenate([np.asarray(image).reshape(-1, 3) for image in chosen]), axis=0)
+    palette = Image.fromarray(inks[None]).quantize(colours, method=Image.Quantize.MEDIANCUT)
     small = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     edges = np.round(100.0 * np.arange(len(small) + 1) / film_fps)  # GIF counts hundredths of a second
     small[0].save(

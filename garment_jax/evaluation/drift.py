@@ -1,7 +1,7 @@
 """Does the error grow? Last third of a clip against its first, relative to a model without memory."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.structs import Motion, Scene
@@ -36,7 +36,7 @@ def drift(rmse_per_frame: np.ndarray, rmse_per_frame_skinned: np.ndarray) -> flo
 def skinning_weights(scene: Scene) -> np.ndarray:
     """Return `[n, j]` weights of the garment: those of the nearest body vertex, pins their own."""
     body, garment = scene.body, scene.garment
-    _, nearest = cKDTree(body.vertices).query(garment.template)
+    _, nearest = KDTree(body.vertices).query(garment.template)
     weights = body.skin_weights[nearest].copy()
     if scene.pins is not None:
         weights[scene.pins.vertices] = scene.pins.weights

@@ -1,7 +1,7 @@
 """Edges of a garment that cross a triangle of the same garment (method, "Metrics")."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from garment_jax.evaluation.triangles import cross, dot
 from garment_jax.geometry.topology import unique_edges
@@ -32,7 +32,7 @@ def _candidates(V: np.ndarray, faces: np.ndarray, edges: np.ndarray) -> tuple[np
     middle, centre = ends.mean(axis=1), corners.mean(axis=1)
     reach = np.linalg.norm(ends[:, 0] - middle, axis=1)
     reach += np.linalg.norm(corners - centre[:, None], axis=-1).max()
-    found = cKDTree(centre).query_ball_point(middle, reach * (1 + 1e-9), return_sorted=False)
+    found = KDTree(centre).query_ball_point(middle, reach * (1 + 1e-9), return_sorted=False)
     edge = np.repeat(np.arange(len(edges)), np.fromiter(map(len, found), np.int64, len(edges)))
     face = np.concatenate([np.asarray(f, np.int64) for f in found])
     low, high = ends.min(axis=1), ends.max(axis=1)

@@ -11,7 +11,7 @@ from garment_jax.evaluation.rasteriser import Fragments, rasterise
 
 KEY, SKY, GROUND = 1.25, np.array([0.34, 0.37, 0.42]), np.array([0.24, 0.22, 0.20])  # linear light
 BACKGROUND = np.array([0.955, 0.96, 0.97])  # sRGB
-SHADOW_PIXELS = 640
+SHADOW_PIXELS = 640  # at most; small pictures take no more than their own height
 
 
 class Solid(NamedTuple):
@@ -55,9 +55,10 @@ def make_light(solid: Solid, camera: Camera) -> Light:
     axes = np.stack([side, np.cross(toward, side), toward])
     centre = solid.vertices.mean(axis=0)
     local = (solid.vertices - centre) @ axes.T
-    scale = 0.48 * SHADOW_PIXELS / float(np.abs(local[:, :2]).max())
-    xy = local[:, :2] * scale + SHADOW_PIXELS / 2
-    seen = rasterise(xy, local[:, 2], solid.faces, height=SHADOW_PIXELS, width=SHADOW_PIXELS)
+    size = min(SHADOW_PIXELS, camera.height)
+    scale = 0.48 * size / float(np.abs(local[:, :2]).max())
+    xy = local[:, :2] * scale + size / 2
+    seen = rasterise(xy, local[:, 2], solid.faces, height=size, width=size)
     return Light(toward, axes, centre, scale, seen.nearness)
 
 
@@ -67,12 +68,13 @@ def sunlit(points: np.ndarray, light: Light, *, spread: float, bias: float = 0.0
     `spread` (metres) softens the shadow's edge, `bias` (metres) keeps a surface from shading itself.
     """
     local = (points - light.centre) @ light.axes.T
-    xy = local[:, :2] * light.scale + SHADOW_PIXELS / 2
+    size = len(light.depth)
+    xy = local[:, :2] * light.scale + size / 2
     free = np.zeros(len(points))
     for i in range(16):  # a spiral: no two looks in line, so edges do not show steps
         radius, angle = spread * light.scale * np.sqrt((i + 0.5) / 16), i * 2.39996
         at = xy + radius * np.array([np.cos(angle), np.sin(angle)])
-        at = np.clip(at, 0, SHADOW_PIXELS - 1).astype(np.int64)
+        at = np.clip(at, 0, size - 1).astype(np.int64)
         free += light.depth[at[:, 1], at[:, 0]] < local[:, 2] + bias
     return free / 16
 

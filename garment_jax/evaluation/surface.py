@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from garment_jax.evaluation.triangles import closest_on_triangle, cross, dot
 
@@ -23,7 +23,7 @@ from garment_jax.evaluation.triangles import closest_on_triangle, cross, dot
 class SizeClass(NamedTuple):
     """The triangles of similar size, with a tree over their corners."""
 
-    tree: cKDTree  # over the corners below
+    tree: KDTree  # over the corners below
     radius: float  # largest enclosing radius in the class, metres
     start: np.ndarray  # [k + 1] int, corner i's faces are face[start[i]:start[i + 1]]
     face: np.ndarray  # [3 g] int
@@ -73,7 +73,7 @@ def _size_class(vertices: np.ndarray, faces: np.ndarray, chosen: np.ndarray, rad
     used, corner = np.unique(faces[chosen].ravel(), return_inverse=True)
     order = np.argsort(corner.ravel(), kind="stable")
     start = np.concatenate([[0], np.cumsum(np.bincount(corner.ravel(), minlength=len(used)))])
-    tree = cKDTree(vertices[used].astype(np.float64))
+    tree = KDTree(vertices[used].astype(np.float64))
     return SizeClass(tree, float(radius[chosen].max()), start, chosen[order // 3])
 
 

@@ -58,6 +58,7 @@ def test_equals_the_metrics_of_the_whole_clip(pair, result, scene):
     assert metrics["sted_temporal"] == pytest.approx(whole.temporal)
     assert metrics["sted"] == pytest.approx(whole.combined)
     assert len(result["per_frame"]["rmse_cm"]) == FRAMES
+    assert np.mean(result["per_frame"]["hem_height_cm"]) == pytest.approx(metrics["hem_height_cm"])
     assert result["per_sampled_frame"]["frame"] == list(range(0, FRAMES, 5))
 
 

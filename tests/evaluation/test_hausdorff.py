@@ -16,14 +16,14 @@ def _sheet(k=6):
 
 def test_a_sheet_slid_within_its_plane_is_only_as_far_as_it_sticks_out():
     vertices, faces = _sheet()
-    assert hausdorff_frame(vertices + [0.13, 0, 0], vertices, faces) == pytest.approx(13.0)
-    raised = vertices + [0.0, 0.02, 0]
+    assert hausdorff_frame(vertices + np.array([0.13, 0, 0]), vertices, faces) == pytest.approx(13.0)
+    raised = vertices + np.array([0.0, 0.02, 0])
     assert hausdorff_frame(raised, vertices, faces) == pytest.approx(2.0)
 
 
 def test_a_vertex_over_a_triangle_is_measured_to_the_surface_not_to_a_vertex():
     vertices, faces = _sheet(3)  # vertices half a metre apart
-    moved = vertices + [0.2, 0.01, 0.0]
+    moved = vertices + np.array([0.2, 0.01, 0.0])
     assert hausdorff_frame(moved, vertices, faces) < 100 * np.sqrt(0.2**2 + 0.01**2) + 1e-9
     inner = vertices.copy()
     inner[4] += [0.1, 0.0, 0.1]  # the middle vertex slides along the sheet

@@ -46,6 +46,20 @@ def test_sign_equals_the_winding_number_and_size_trimesh_on_a_concave_solid():
         assert abs(d) == pytest.approx(np.linalg.norm(at - p, axis=1).min())
 
 
+def test_sharp_edges_and_corners_need_all_their_faces():
+    # A blade: at an edge sharper than a right angle one face alone calls outside points inside.
+    vertices = np.array([[0, 0, -1], [0, 0, 1], [1, 0.05, 0], [1, -0.05, 0]], float)
+    faces = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).faces
+    corners = vertices[faces]
+    middle = vertices.mean(axis=0)
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward = ((corners.mean(axis=1) - middle) * flat).sum(axis=1) > 0
+    faces = np.where(outward[:, None], faces, faces[:, ::-1])
+    points = np.random.default_rng(10).uniform(-1.5, 1.5, (500, 3))
+    distance = signed_distance(points, vertices, faces, neighbour_faces(faces))
+    np.testing.assert_array_equal(distance < 0, _winding(points, vertices[faces]) > 0.5)
+
+
 def test_posed_collider_of_the_reference_scene_has_an_inside():
     scene = make_scene()
     motion = make_motion(scene, 3)

@@ -42,7 +42,7 @@ def test_nothing_in_view_is_an_empty_picture():
 def test_the_target_is_in_the_middle_and_the_span_fills_the_height():
     target = np.array([1.0, 0.8, -2.0])
     camera = look_at(target, np.array([0.0, 0.0, 1.0]), span=2.0, height=100, width=60)
-    xy, near = project(np.stack([target, target + [0, 1, 0], target + [0.3, 0, 0]]), camera)
+    xy, near = project(target + np.array([[0, 0, 0], [0, 1, 0], [0.3, 0, 0]]), camera)
     np.testing.assert_allclose(xy, [[30, 50], [30, 0], [45, 50]], atol=1e-9)
     assert near[0] > 0
 
