@@ -155,7 +155,7 @@ def _compute_arrays(
         window = slice(start, min(start + CHUNK, sequence.frames))
         world = sequence.read(window.start, window.stop).astype(np.float64)
         V[window] = to_root(world, inputs.root[window], inputs.yaw[window])
-        T_tilde[window] = unpose(V[window], inputs.R_seed[window], inputs.t_seed[window])
+        T_tilde[window] = unpose(V[window], inputs.R_seed[window], inputs.t_seed[window], T, seeds.points)
     for array in (V, T_tilde):
         array.flush()
     for temporary, name in zip(partial, names, strict=True):

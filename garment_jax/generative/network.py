@@ -15,22 +15,23 @@ from garment_jax.data.template import Template
 from garment_jax.generative.blocks import MapDecoder, MapEncoder, leaky
 from garment_jax.geometry.uv_maps import from_map, to_map
 
+POOLED = 16  # texels a side of the pooled map that the linear encoder reads
 CENTIMETRE = 0.01  # networks put out centimetres: weights of order one, which weight decay spares
 
 
 class Code(NamedTuple):
     """A latent code's distribution."""
 
-    mean: jax.Array  # [latent]
-    log_variance: jax.Array  # [latent]
+    mean: jax.Array  # [*b, latent]
+    log_variance: jax.Array  # [*b, latent]
 
 
 class Decoded(NamedTuple):
     """A decoded garment, metres, root frame (T_tilde canonical)."""
 
-    V: jax.Array  # [n, 3]
-    T_tilde: jax.Array  # [n, 3]
-    I_dyn: jax.Array  # [n, 3]
+    V: jax.Array  # [*b, n, 3]
+    T_tilde: jax.Array  # [*b, n, 3]
+    I_dyn: jax.Array  # [*b, n, 3]
 
 
 class UnposedDecoder(nn.Module):
@@ -55,7 +56,7 @@ class UnposedDecoder(nn.Module):
             x = nn.Dense(self.rank, kernel_init=tiny if self.skip else nn.initializers.lecun_normal())(x)
             if self.skip:
                 x = x + nn.Dense(self.rank, use_bias=False, name="skip")(z_s)
-        return nn.Dense(self.n * 3, name="basis")(x).reshape(self.n, 3)
+        return nn.Dense(self.n * 3, name="basis")(x).reshape(*z_s.shape[:-1], self.n, 3)
 
 
 def networks(config: GenerativeConfig, n: int, size: int) -> dict[str, nn.Module]:
@@ -67,7 +68,7 @@ def networks(config: GenerativeConfig, n: int, size: int) -> dict[str, nn.Module
             2 * config.latent_dim,
             config.instance_norm,
             config.map_statistics,
-            skip=min(16, size) if begun else 0,
+            skip=min(POOLED, size) if begun else 0,
             dense_scale=0.0 if begun else 1.0,
         ),
         "split_s": nn.Dense(config.part_dim),
@@ -91,28 +92,29 @@ def init_generative(key: jax.Array, template: Template, *, config: GenerativeCon
     }
     modules = networks(config, n, size)
     keys = dict(zip(inputs, jax.random.split(key, len(inputs)), strict=True))
-    return {name: modules[name].init(keys[name], x)["params"] for name, x in inputs.items()}
+    # jitted: initialising operation by operation compiles hundreds of small programs
+    return {name: jax.jit(modules[name].init)(keys[name], x)["params"] for name, x in inputs.items()}
 
 
-def position_map(V: Float[Array, "n 3"], template: Template) -> Float[Array, "h w 3"]:
+def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, "*b h w 3"]:
     """Return S_v: the UV map of `V` (metres, root frame), normalised by the training set's statistics."""
     normalised = (V - template.statistics.map_mean) / template.statistics.map_std
     return to_map(normalised, template.atlas)
 
 
-def encode(params: dict, V: Float[Array, "n 3"], *, template: Template, config: GenerativeConfig) -> Code:
-    """Return the latent code of one garment frame `V` (metres, root frame): E_gen of its UV map."""
+def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, config: GenerativeConfig) -> Code:
+    """Return the latent code of garment frames `V` (metres, root frame): E_gen of its UV map."""
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
     out = modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template))
-    mean, log_variance = jnp.split(out, 2)
+    mean, log_variance = jnp.split(out, 2, axis=-1)
     # exp of a wild log-variance would overflow before the loss can pull it back
     return Code(mean, jnp.clip(log_variance, -20.0, 4.0))
 
 
 def decode(
-    params: dict, Z: Float[Array, " latent"], *, template: Template, config: GenerativeConfig
+    params: dict, Z: Float[Array, "*b latent"], *, template: Template, config: GenerativeConfig
 ) -> Decoded:
-    """Return the garment of latent code `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame."""
+    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame."""
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
 
     def apply(name: str, x: jax.Array) -> jax.Array:

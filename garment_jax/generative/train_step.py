@@ -31,22 +31,18 @@ def generative_loss(
 ) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Return the batch's mean loss and its terms; the key is consumed by the reparameterised samples."""
 
-    def one(key: jax.Array, V_star: jax.Array, T_tilde_star: jax.Array):
-        noise_key, sample_key = jax.random.split(key)
-        V_in = V_star
-        if config.input_noise:
-            V_in = V_star + config.input_noise * jax.random.normal(noise_key, V_star.shape)
-        code = encode(params, V_in, template=template, config=config)
-        sample = jax.random.normal(sample_key, code.mean.shape)
-        decoded = decode(
-            params, code.mean + jnp.exp(0.5 * code.log_variance) * sample, template=template, config=config
-        )
-        terms = generative_terms(code, decoded, V_star, T_tilde_star, template=template, config=config)
-        rmse_square = 1e4 * jnp.square(decoded.V - V_star).sum(-1).mean()
-        return terms, kl_per_dimension(code), rmse_square
-
-    keys = jax.random.split(key, len(batch.V_star))
-    terms, kl, square = jax.vmap(one)(keys, batch.V_star, batch.T_tilde_star)
+    noise_key, sample_key = jax.random.split(key)
+    V_in = batch.V_star
+    if config.input_noise:
+        V_in = V_in + config.input_noise * jax.random.normal(noise_key, V_in.shape)
+    code = encode(params, V_in, template=template, config=config)
+    sample = code.mean + jnp.exp(0.5 * code.log_variance) * jax.random.normal(sample_key, code.mean.shape)
+    decoded = decode(params, sample, template=template, config=config)
+    terms = generative_terms(
+        code, decoded, batch.V_star, batch.T_tilde_star, template=template, config=config
+    )
+    kl = kl_per_dimension(code)
+    square = 1e4 * jnp.square(decoded.V - batch.V_star).sum(axis=-1).mean(axis=-1)
     metrics = {name: value.mean() for name, value in terms.items()}
     loss = sum(metrics.values(), jnp.zeros(()))
     live = (kl.mean(axis=0) > LIVE_NATS).sum()

@@ -7,10 +7,10 @@ null space holds the constant meshes (a translation changes nothing).
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from garment_jax.geometry.stencil import Stencil, apply_stencil, make_stencil
 from garment_jax.geometry.topology import neighbour_table
 
 
@@ -19,12 +19,22 @@ class LaplacianTable(NamedTuple):
 
     index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
     weight: np.ndarray  # [n, k] float32, rows sum to 1 (0 for a vertex without neighbours)
+    stencil: Stencil  # the whole operator, the vertex' own -1 in its last column
+
+
+def _table(index: np.ndarray, weight: np.ndarray) -> LaplacianTable:
+    n = len(index)
+    own = np.arange(n, dtype=np.int32)[:, None]
+    minus = -weight.sum(axis=1, keepdims=True)
+    whole = np.concatenate([weight, minus], axis=1)
+    stencil = make_stencil(np.concatenate([index, own], axis=1), whole, n)
+    return LaplacianTable(index, weight.astype(np.float32), stencil)
 
 
 def uniform_table(faces: np.ndarray, n: int) -> LaplacianTable:
     """Return the uniform stencil: each neighbour weighs 1 / valence."""
     index, mask = neighbour_table(faces, n)
-    return LaplacianTable(index, mask / np.maximum(mask.sum(axis=1, keepdims=True), 1.0))
+    return _table(index, mask / np.maximum(mask.sum(axis=1, keepdims=True), 1.0))
 
 
 def cotangent_table(template: np.ndarray, faces: np.ndarray) -> LaplacianTable:
@@ -47,10 +57,9 @@ def cotangent_table(template: np.ndarray, faces: np.ndarray) -> LaplacianTable:
             weight[i, slots[int(i), int(j)]] += w
             weight[j, slots[int(j), int(i)]] += w
     total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
-    return LaplacianTable(index, (weight / total).astype(np.float32))
+    return _table(index, weight / total)
 
 
-def laplacian(V: Float[Array, "n 3"], table: LaplacianTable) -> Float[Array, "n 3"]:
+def laplacian(V: Float[Array, "*b n 3"], table: LaplacianTable) -> Float[Array, "*b n 3"]:
     """Return the Laplacian of `V`, in V's unit (see the module's convention)."""
-    neighbours = jax.numpy.take(V, table.index, axis=0)
-    return ((neighbours - V[:, None]) * table.weight[..., None]).sum(axis=1)
+    return apply_stencil(V, table.stencil)

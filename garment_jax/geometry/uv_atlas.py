@@ -9,19 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from garment_jax.geometry.stencil import Stencil, make_stencil
 from garment_jax.structs import Garment
 
 
 class UvAtlas(NamedTuple):
     """Precomputed gathers between vertices and UV maps (static; paper 3.2)."""
 
-    texel_vertex: np.ndarray  # [h, w, 3] int32 corners of the triangle that a texel sees
-    texel_weight: np.ndarray  # [h, w, 3] float32 barycentric weights, sum to 1
     coverage: np.ndarray  # [h, w] bool, texel lies inside a chart
-    read_texel: np.ndarray  # [u, 4] int32 flat texels around each texture vertex
-    read_weight: np.ndarray  # [u, 4] float32 bilinear weights, sum to 1
-    vertex_uv: np.ndarray  # [n, s] int32 texture vertices of each vertex, padded
-    vertex_uv_weight: np.ndarray  # [n, s] float32, 1 / count, 0 for padding
+    to_map: Stencil  # vertices -> flat texels, barycentric weights of the triangle that a texel sees
+    from_map: Stencil  # flat texels -> vertices, bilinear weights around each of the vertex' UVs
 
 
 def make_atlas(garment: Garment, size: int) -> UvAtlas:
@@ -42,12 +39,17 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
         raise ValueError(f"no UV triangle covers a texel of a {size} x {size} map; enlarge uv.size.")
     row, column = distance_transform_edt(~coverage, return_distances=False, return_indices=True)  # type: ignore[misc]
     triangle, weight = triangle[row, column], weight[row, column]
-    read_texel, read_weight = _bilinear(position, size)
-    vertex_uv, vertex_weight = _texture_vertices(garment)
-    texel_vertex = garment.faces[triangle].astype(np.int32)
-    return UvAtlas(
-        texel_vertex, weight.astype(np.float32), coverage, read_texel, read_weight, vertex_uv, vertex_weight
-    )
+    to_map = make_stencil(garment.faces[triangle].reshape(-1, 3), weight.reshape(-1, 3), len(garment.template))
+    return UvAtlas(coverage, to_map, _reader(garment, position, size))
+
+
+def _reader(garment: Garment, position: np.ndarray, size: int) -> Stencil:
+    """Return the operator by which every vertex reads a flat map: the mean over its UVs."""
+    texel, weight = _bilinear(position, size)
+    vertex_uv, share = _texture_vertices(garment)
+    n = len(vertex_uv)
+    weights = (weight[vertex_uv] * share[..., None]).reshape(n, -1)
+    return make_stencil(texel[vertex_uv].reshape(n, -1), weights, size * size)
 
 
 def _rasterise(position: np.ndarray, faces_uv: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:

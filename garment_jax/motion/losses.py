@@ -11,17 +11,17 @@ from garment_jax.geometry.laplacian import laplacian
 
 
 def motion_terms(
-    V: Float[Array, "n 3"],
-    V_star: Float[Array, "n 3"],
-    Z: Float[Array, " latent"],
-    Z_star: Float[Array, " latent"],
+    V: Float[Array, "*b n 3"],
+    V_star: Float[Array, "*b n 3"],
+    Z: Float[Array, "*b latent"],
+    Z_star: Float[Array, "*b latent"],
     *,
     template: Template,
     config: MotionConfig,
 ) -> dict[str, jax.Array]:
-    """Return the weighted terms of L = L_geo + L_z for one frame (metres in, squared cm out)."""
+    """Return the weighted terms of L = L_geo + L_z for each frame (metres in, squared cm out)."""
     E = V - V_star
-    latent = jnp.square(Z - Z_star).mean()
+    latent = jnp.square(Z - Z_star).mean(axis=-1)
     return {
         "vertex": size_of(E, config.norm),
         "laplacian": config.lambda_laplacian * size_of(laplacian(E, template.laplacian), config.norm),

@@ -21,8 +21,8 @@ from garment_jax.structs import FrameInput
 class MotionCarry(NamedTuple):
     """What a rollout carries from frame to frame."""
 
-    h: jax.Array  # [gru] state of E_m
-    V_prev: jax.Array  # [n, 3] last predicted frame before detail and collision, its own root frame
+    h: jax.Array  # [*b, gru] state of E_m
+    V_prev: jax.Array  # [*b, n, 3] last predicted frame before detail and collision, its own root frame
 
 
 def _state_encoder(config: MotionConfig, generative: GenerativeConfig, size: int) -> MapEncoder:
@@ -52,7 +52,7 @@ def init_motion(
     }
     if config.previous_state:
         encoder = _state_encoder(config, generative, size)
-        params["E_s"] = encoder.init(keys[4], jnp.zeros((size, size, 3)))["params"]
+        params["E_s"] = jax.jit(encoder.init)(keys[4], jnp.zeros((size, size, 3)))["params"]
     return params
 
 
@@ -80,30 +80,30 @@ def gates_of(params: dict, x: Float[Array, "*t d"]) -> Float[Array, "*t g"]:
     return _dense(params["gru_x"], leaky(_dense(params["dense"], x)))
 
 
-def gru_step(params: dict, h: Float[Array, " k"], gates: Float[Array, " g"]) -> Float[Array, " k"]:
+def gru_step(params: dict, h: Float[Array, "*b k"], gates: Float[Array, "*b g"]) -> Float[Array, "*b k"]:
     """Return the next state of a GRU with PyTorch's `GRUCell` equations (reset, update, new; both biases)."""
-    rx, ux, cx = jnp.split(gates, 3)
-    rh, uh, ch = jnp.split(_dense(params["gru_h"], h), 3)
+    rx, ux, cx = jnp.split(gates, 3, axis=-1)
+    rh, uh, ch = jnp.split(_dense(params["gru_h"], h), 3, axis=-1)
     update = jax.nn.sigmoid(ux + uh)
     new = jnp.tanh(cx + jax.nn.sigmoid(rx + rh) * ch)
     return (1.0 - update) * new + update * h
 
 
-def carry_over(V_prev: Float[Array, "n 3"], x: FrameInput) -> Float[Array, "n 3"]:
+def carry_over(V_prev: Float[Array, "*b n 3"], x: FrameInput) -> Float[Array, "*b n 3"]:
     """Re-express the last frame in this frame's root frame: the cloth hung while the body moved."""
-    return V_prev @ x.turn + x.shift
+    return V_prev @ x.turn + x.shift[..., None, :]
 
 
 def motion_code(
     params: dict,
-    h: Float[Array, " k"],
-    V_prev: Float[Array, "n 3"],
-    gates: Float[Array, " g"],
+    h: Float[Array, "*b k"],
+    V_prev: Float[Array, "*b n 3"],
+    gates: Float[Array, "*b g"],
     *,
     template: Template,
     config: MotionConfig,
     generative: GenerativeConfig,
-) -> tuple[Float[Array, " k"], Float[Array, " latent"]]:
+) -> tuple[Float[Array, "*b k"], Float[Array, "*b latent"]]:
     """Return the next GRU state and the latent code Z of one frame.
 
     `V_prev` is already in this frame's root frame (`carry_over`); it is not read at all when
@@ -114,4 +114,4 @@ def motion_code(
         return h, _dense(params["fc"], h)
     encoder = _state_encoder(config, generative, template.atlas.coverage.shape[0])
     e = encoder.apply({"params": params["E_s"]}, position_map(V_prev, template))
-    return h, _dense(params["fc"], jnp.concatenate([h, jnp.asarray(e)]))
+    return h, _dense(params["fc"], jnp.concatenate([h, jnp.asarray(e)], axis=-1))

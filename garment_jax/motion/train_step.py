@@ -75,20 +75,17 @@ def motion_loss(
     gate_key, state_key = jax.random.split(key)
     gates = _noisy_gates(params, gate_key, batch.x.M, template, config)
 
-    def lane(carry: MotionCarry, x: FrameInput, gates: jax.Array, V_star, Z_star, key):
+    def frame(carry: MotionCarry, inputs):
+        x, gates, V_star, Z_star, key = inputs
         V_prev = carry_over(carry.V_prev, x)
         if config.state_noise:
-            V_prev = V_prev + config.state_noise * jax.random.normal(key, (1, 3))
+            V_prev = V_prev + config.state_noise * jax.random.normal(key, V_prev.shape)
         h, Z = motion_code(
             params, carry.h, V_prev, gates, template=template, config=config, generative=generative
         )
         V = decode(frozen, Z, template=template, config=generative).V
         terms = motion_terms(V, V_star, Z, Z_star, template=template, config=config)
-        return MotionCarry(h, V), (terms, 1e4 * jnp.square(V - V_star).sum(-1).mean())
-
-    def frame(carry: MotionCarry, inputs):
-        x, gates, V_star, Z_star, key = inputs
-        return jax.vmap(lane)(carry, x, gates, V_star, Z_star, jax.random.split(key, len(V_star)))
+        return MotionCarry(h, V), (terms, 1e4 * jnp.square(V - V_star).sum(axis=-1).mean(axis=-1))
 
     keys = jax.random.split(state_key, len(batch.V_star))
     inputs = (batch.x, gates, batch.V_star, batch.Z_star, keys)
