@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.root_frame import yaw_matrix
@@ -28,7 +28,7 @@ def make_seeds(scene: Scene, count: int) -> Seeds:
     body, garment = scene.body, scene.garment
     all_vertices = np.arange(len(body.vertices))
     candidates = all_vertices if scene.collider is None else scene.collider.body_vertices
-    near = cKDTree(garment.template).query(body.vertices[candidates])[0] < COVER_DISTANCE
+    near = KDTree(garment.template).query(body.vertices[candidates])[0] < COVER_DISTANCE
     candidates = candidates[near]
     if len(candidates) < count:
         raise ValueError(

@@ -4,6 +4,7 @@ The large arrays (vertices and inverse-skinning targets) go into memory-mapped f
 named by the content that they were made from; batches read the frames that they need.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.mirror import FLIP, mirror_motion
@@ -51,6 +53,7 @@ class DataSet(NamedTuple):
     statistics: Statistics
     mirror: np.ndarray | None  # [n] partner of each vertex, when mirrored clips are used
     content: str  # hash of clips and of the settings that shape them
+    fps: float  # of every clip
 
 
 def frames_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> tuple[np.ndarray, np.ndarray]:
@@ -70,13 +73,17 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
     """
     paths = training_clips(folder, config.data.validation)
     with open_sequence(paths[0]) as first:
-        scene, garment_name = first.scene, first.name
+        scene, garment_name, fps = first.scene, first.name, first.fps
     seeds = make_seeds(scene, config.body.seeds)
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
     train, validation, digest = [], [], hashlib.sha256()
     for path in paths:
         with open_sequence(path) as sequence:
             check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
+            if sequence.fps != fps:
+                raise ValueError(
+                    f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one of them."
+                )
             key = _cache_key(path, sequence, config)
             digest.update(key.encode())
             clip = _prepare_clip(sequence, seeds, config, cache / key)
@@ -88,7 +95,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
         if mirror is not None:
             train.append(_mirror_image(clip, motion, scene, seeds, config))
     statistics = _statistics(train, mirror is not None)
-    return DataSet(scene, seeds, train, validation, statistics, mirror, digest.hexdigest()[:16])
+    return DataSet(scene, seeds, train, validation, statistics, mirror, digest.hexdigest()[:16], fps)
 
 
 def training_clips(folder: str | Path, validation: List[str]) -> list[Path]:
@@ -122,7 +129,8 @@ def _cache_key(path: Path, sequence: Sequence, config: Config) -> str:
 def _prepare_clip(sequence: Sequence, seeds: Seeds, config: Config, cache: Path) -> PreparedClip:
     """Return the clip, computing its arrays into `cache` unless they are there."""
     inputs = motion_input(sequence.motion, sequence.scene, seeds, config.body.motion_joints)
-    names = [cache.with_suffix(f".{part}.npy") for part in ("V", "T_tilde")]
+    # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
+    names = [cache.with_name(f"{cache.name}.{part}.npy") for part in ("V", "T_tilde")]
     if not all(name.exists() for name in names):
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
@@ -140,26 +148,43 @@ def _compute_arrays(
     shape = (sequence.frames, *T.shape)
     partial = [name.with_suffix(".partial") for name in names]
     V, T_tilde = (np.lib.format.open_memmap(p, "w+", np.float32, shape) for p in partial)
-    unpose = jax.jit(
-        jax.vmap(
-            lambda v, R, t: (
-                unskin_fixed_point(
-                    v, T, seeds.points, R, t, tau=config.body.tau, iterations=config.body.skin_iterations
-                ).T_tilde
-            )
-        )
-    )
     for start in range(0, sequence.frames, CHUNK):
         # the last window is moved back so that every call has the same shape: one compilation
         start = max(min(start, sequence.frames - CHUNK), 0)
         window = slice(start, min(start + CHUNK, sequence.frames))
         world = sequence.read(window.start, window.stop).astype(np.float64)
         V[window] = to_root(world, inputs.root[window], inputs.yaw[window])
-        T_tilde[window] = unpose(V[window], inputs.R_seed[window], inputs.t_seed[window], T, seeds.points)
+        posed = (jnp.asarray(x[window]) for x in (V, inputs.R_seed, inputs.t_seed))
+        T_tilde[window] = _unpose(
+            *posed,
+            jnp.asarray(T),
+            jnp.asarray(seeds.points),
+            tau=config.body.tau,
+            iterations=config.body.skin_iterations,
+        )
     for array in (V, T_tilde):
         array.flush()
     for temporary, name in zip(partial, names, strict=True):
         os.replace(temporary, name)
+
+
+@functools.partial(jax.jit, static_argnames=("tau", "iterations"))
+def _unpose(
+    V: jax.Array,
+    R_seed: jax.Array,
+    t_seed: jax.Array,
+    T: jax.Array,
+    seeds: jax.Array,
+    *,
+    tau: float,
+    iterations: int,
+) -> jax.Array:
+    """Return T_tilde_star of frames `V` `[k, n, 3]`, metres, canonical root frame."""
+
+    def frame(V: jax.Array, R_seed: jax.Array, t_seed: jax.Array) -> jax.Array:
+        return unskin_fixed_point(V, T, seeds, R_seed, t_seed, tau=tau, iterations=iterations).T_tilde
+
+    return jax.vmap(frame)(V, R_seed, t_seed)
 
 
 def _mirror_image(
@@ -173,9 +198,9 @@ def _statistics(clips: list[PreparedClip], mirrored: bool) -> Statistics:
     """Return means and deviations over the training clips, in float64, one clip at a time."""
     recorded = [clip for clip in clips if not clip.mirrored]
     count = sum(clip.V.shape[0] * clip.V.shape[1] for clip in recorded)
-    mean = sum(np.asarray(clip.V, np.float64).sum(axis=(0, 1)) for clip in recorded) / count
+    mean = np.sum([np.asarray(clip.V, np.float64).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
     mean = mean * [0.0, 1.0, 1.0] if mirrored else mean
-    square = sum(np.square(clip.V - mean).sum(axis=(0, 1)) for clip in recorded) / count
+    square = np.sum([np.square(clip.V - mean).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
     M = np.concatenate([clip.input.x.M for clip in clips]).astype(np.float64)
     return Statistics(
         mean.astype(np.float32),

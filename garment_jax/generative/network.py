@@ -105,7 +105,7 @@ def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, 
 def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, config: GenerativeConfig) -> Code:
     """Return the latent code of garment frames `V` (metres, root frame): E_gen of its UV map."""
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
-    out = modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template))
+    out = jnp.asarray(modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template)))
     mean, log_variance = jnp.split(out, 2, axis=-1)
     # exp of a wild log-variance would overflow before the loss can pull it back
     return Code(mean, jnp.clip(log_variance, -20.0, 4.0))
@@ -118,9 +118,10 @@ def decode(
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
 
     def apply(name: str, x: jax.Array) -> jax.Array:
-        return modules[name].apply({"params": params[name]}, x)
+        return jnp.asarray(modules[name].apply({"params": params[name]}, x))
 
     z_s, z_d = apply("split_s", Z), apply("split_d", Z)
-    T_tilde = template.T + CENTIMETRE * apply("D_rec", z_s)
+    offset = CENTIMETRE * apply("D_rec", z_s)
+    T_tilde = jnp.broadcast_to(template.T, offset.shape) + offset
     I_dyn = CENTIMETRE * from_map(apply("D_dyn", z_d), template.atlas)
     return Decoded(T_tilde + I_dyn, T_tilde, I_dyn)

@@ -1,7 +1,7 @@
 """Left-right symmetry of a garment, found from its UVs or from mirrored vertices (host, NumPy)."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from garment_jax.structs import Garment
 
@@ -16,14 +16,14 @@ def mirror_permutation(garment: Garment) -> np.ndarray:
     """
     template = garment.template.astype(np.float64)
     mirrored = template * [-1.0, 1.0, 1.0]
-    found = [_by_uv(garment), cKDTree(template).query(mirrored)[1]]
+    found = [_by_uv(garment), KDTree(template).query(mirrored)[1]]
     mismatch = [float(np.linalg.norm(mirrored - template[p], axis=1).mean()) for p in found]
     for permutation, distance in zip(found, mismatch, strict=True):
         if len(np.unique(permutation)) == len(template) and distance < LARGEST_MISMATCH:
             return permutation
     raise ValueError(
-        f"the garment is not left-right symmetric (vertices lie {min(mismatch) * 100:.1f} cm in the mean from "
-        "their mirror partners, or two share one); set data.mirror = false."
+        f"the garment is not left-right symmetric (vertices lie {min(mismatch) * 100:.1f} cm in the mean "
+        "from their mirror partners, or two share one); set data.mirror = false."
     )
 
 
@@ -32,5 +32,5 @@ def _by_uv(garment: Garment) -> np.ndarray:
     owner[garment.faces_uv.ravel()] = garment.faces.ravel()
     first = np.zeros(len(garment.template), np.int64)
     first[garment.faces.ravel()] = garment.faces_uv.ravel()
-    partner = cKDTree(garment.uv).query(garment.uv[first] * [-1.0, 1.0] + [1.0, 0.0])[1]
+    partner = KDTree(garment.uv).query(garment.uv[first] * [-1.0, 1.0] + [1.0, 0.0])[1]
     return owner[partner]

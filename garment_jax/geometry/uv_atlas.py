@@ -30,7 +30,7 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
     uv = garment.uv.astype(np.float64)
     if not len(uv):
         raise ValueError("the garment template has no UVs; unwrap it before training.")
-    if uv.min() < -1e-6 or uv.max() > 1 + 1e-6:
+    if not (uv.min() >= -1e-6 and uv.max() <= 1 + 1e-6):  # a NaN is refused too
         raise ValueError(f"UVs span [{uv.min():.3g}, {uv.max():.3g}]; normalise them to [0, 1].")
     position = np.clip(uv, 0, 1) * (size - 1)
     triangle, weight = _rasterise(position, garment.faces_uv, size)
@@ -39,7 +39,8 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
         raise ValueError(f"no UV triangle covers a texel of a {size} x {size} map; enlarge uv.size.")
     row, column = distance_transform_edt(~coverage, return_distances=False, return_indices=True)  # type: ignore[misc]
     triangle, weight = triangle[row, column], weight[row, column]
-    to_map = make_stencil(garment.faces[triangle].reshape(-1, 3), weight.reshape(-1, 3), len(garment.template))
+    corners = garment.faces[triangle].reshape(-1, 3)
+    to_map = make_stencil(corners, weight.reshape(-1, 3), len(garment.template))
     return UvAtlas(coverage, to_map, _reader(garment, position, size))
 
 
