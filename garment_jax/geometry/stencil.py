@@ -42,8 +42,9 @@ def apply_stencil(x: jax.Array, stencil: Stencil) -> jax.Array:
     return _gather(x, stencil.index, stencil.weight)
 
 
-def _gather(x: jax.Array, index: np.ndarray, weight: np.ndarray) -> jax.Array:
-    return (jnp.take(_materialised(x), index, axis=-2, mode="clip") * weight[..., None]).sum(axis=-2)
+def _gather(x: jax.Array, index: np.ndarray | jax.Array, weight: np.ndarray | jax.Array) -> jax.Array:
+    each = weight.reshape((1,) * (x.ndim - 2) + (*weight.shape, 1))
+    return (jnp.take(_materialised(x), index, axis=-2, mode="clip") * each).sum(axis=-2)
 
 
 def _materialised(x: jax.Array) -> jax.Array:

@@ -24,7 +24,8 @@ def neighbour_table(faces: np.ndarray, n: int) -> Neighbours:
     Raises `ValueError` when a face names a vertex that does not exist.
     """
     if faces.size and (faces.min() < 0 or faces.max() >= n):
-        raise ValueError(f"faces name vertex {faces.max()} of a mesh with {n} vertices.")
+        bad = faces.min() if faces.min() < 0 else faces.max()
+        raise ValueError(f"faces name vertex {bad} of a mesh with {n} vertices; they count from 0.")
     edges = unique_edges(faces)
     both = np.concatenate([edges, edges[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
