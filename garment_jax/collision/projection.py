@@ -1,5 +1,6 @@
 """The constraint of section 3.5: every vertex outside the body by the margin `eps`."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -8,6 +9,7 @@ from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.surface_tables import SurfaceTables
 
 
+@jax.jit
 def initial_state(
     V: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], surface: SurfaceTables
 ) -> CollisionState:

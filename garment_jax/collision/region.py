@@ -21,7 +21,7 @@ class Region(NamedTuple):
     total: jax.Array  # [m] sum of a row of weight: 1, or 0 for a lone vertex or an unused slot
 
 
-def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int) -> Bool[Array, " n"]:
+def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array) -> Bool[Array, " n"]:
     """Return the vertices within `rings` edges of the marked ones."""
     index = jnp.asarray(tables.index)
     return jax.lax.fori_loop(0, rings, lambda _, m: m | m[index].any(axis=1), mask)

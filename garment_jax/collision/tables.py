@@ -32,7 +32,9 @@ def make_collider_tables(collider: Collider, body: RiggedBody) -> SurfaceTables:
         index = np.asarray(getattr(collider, name))
         if index.size and (index.min() < 0 or index.max() >= b):
             worst = index.min() if index.min() < 0 else index.max()
-            raise ValueError(f"collider.{name} names vertex {worst} of a body with {b}; export it for this body.")
+            raise ValueError(
+                f"collider.{name} names vertex {worst} of a body with {b}; export it for this body."
+            )
     rest = np.asarray(body.vertices)[collider.body_vertices]
     if len(collider.cap_loop):
         rest = np.concatenate([rest, body.vertices[collider.cap_loop].mean(axis=0, keepdims=True)])
@@ -48,7 +50,8 @@ def make_collision_tables(
     """
     if len(template) != len(table.index):
         raise ValueError(
-            f"the template has {len(template)} vertices and the Laplacian {len(table.index)}; make both from one mesh."
+            f"the template has {len(template)} vertices and the Laplacian {len(table.index)}; "
+            "make both from one mesh."
         )
     groups = point_groups(template)
     own = np.zeros(groups.shape, bool)
@@ -73,7 +76,9 @@ def transposed_weights(table: LaplacianTable) -> np.ndarray:
     sorted_codes = forward[real][order]
     place = np.searchsorted(sorted_codes, backward[real])
     if not np.array_equal(sorted_codes[np.minimum(place, len(order) - 1)], backward[real]):
-        raise ValueError("the Laplacian's one-ring is not symmetric; build it with uniform_table or cotangent_table.")
+        raise ValueError(
+            "the Laplacian's one-ring is not symmetric; build it with uniform_table or cotangent_table."
+        )
     back = np.zeros(n * k, np.float32)
     back[real] = np.asarray(table.weight).reshape(-1)[real][order[place]]
     return back.reshape(n, k)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from garment_jax.geometry.normals import unit
 from garment_jax.geometry.surface_search import (
@@ -41,7 +42,7 @@ def closest_point_exact(
 ) -> ClosestPoint:
     """Return the closest points by testing every triangle (first frame, reference, fallback)."""
     surface = pose_surface(vertices, tables)
-    local = points - surface.origin
+    local = points - surface.origin[None]
     triangle = search_all(*jax.lax.stop_gradient((local, surface)))
     return _answer(local, triangle, jnp.ones(len(points), bool), surface, tables)
 
@@ -51,9 +52,9 @@ def closest_point_from(
     points: Float[Array, "n 3"],
     vertices: Float[Array, "c 3"],
     tables: SurfaceTables,
-    groups: Int[Array, "g s"],
+    groups: Int[Array | np.ndarray, "g s"],
     *,
-    reach: float = 0.02,
+    reach: float | Array = 0.02,
     budget: Budget = Budget(),
 ) -> ClosestPoint:
     """Return the closest points `[n, 3]`, bounded by the distance to each point's `previous` triangle.
@@ -72,42 +73,50 @@ def closest_point_posed(
     points: Float[Array, "n 3"],
     surface: PosedSurface,
     tables: SurfaceTables,
-    groups: Int[Array, "g s"],
+    groups: Int[Array | np.ndarray, "g s"],
     *,
-    reach: float = 0.02,
+    reach: float | Array = 0.02,
     budget: Budget = Budget(),
 ) -> ClosestPoint:
     """As `closest_point_from`, on a surface that was posed once for several queries."""
-    local = points - surface.origin
+    local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     triangle, exact, fits = _search(previous, fixed, still, tables, jnp.asarray(groups), reach, budget)
     triangle = jax.lax.cond(fits, lambda: triangle, lambda: search_all(fixed, still))
-    answer = _answer(local, triangle, exact | ~fits, surface, tables)
-    # A cleared point's triangle may be seen from behind; that it is outside has been proved.
-    return answer._replace(ds=jnp.where(answer.exact, answer.ds, jnp.abs(answer.ds)))
+    return _outside(_answer(local, triangle, exact | ~fits, surface, tables))
 
 
 def closest_point_groups(
     previous: Int[Array, "g s"],
     points: Float[Array, "g s 3"],
+    limit: Float[Array, "g s"],
     surface: PosedSurface,
     tables: SurfaceTables,
     *,
     budget: Budget = Budget(),
 ) -> ClosestPoint:
-    """Return the exact closest points, fields `[g * s, ...]`, of groups of points that lie together.
+    """Return the closest points, fields `[g * s, ...]`, of a few groups of points that lie together.
 
-    For a few groups that are known to be near; brute force, again, when the work lists overflow.
+    Exact within `limit` (metres; infinite for a point that may be inside). A point with nothing
+    that near must be known to be outside, and keeps its `previous` triangle. Brute force, again,
+    when the work lists overflow.
     """
-    local = points - surface.origin
+    local = points - surface.origin[None, None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     flat = fixed.reshape(-1, 3)
     start = rows_of(jnp.asarray(tables.faces)[previous.reshape(-1)], still.vertices)
     bound = jnp.sqrt(closest_on_triangle(tuple(flat.T), start)[2]).reshape(previous.shape)
-    found = search_groups(fixed, _grown(bound), jnp.ones(len(points), bool), still, budget)
+    bound = jnp.minimum(_grown(bound), limit)
+    found = search_groups(fixed, bound, jnp.ones(len(points), bool), still, budget)
     triangle = jnp.where(found.triangle < 0, previous, found.triangle).reshape(-1)
     triangle = jax.lax.cond(found.fits, lambda: triangle, lambda: search_all(flat, still))
-    return _answer(local.reshape(-1, 3), triangle, jnp.ones(len(flat), bool), surface, tables)
+    exact = (found.triangle >= 0).reshape(-1) | ~found.fits
+    return _outside(_answer(local.reshape(-1, 3), triangle, exact, surface, tables))
+
+
+def _outside(answer: ClosestPoint) -> ClosestPoint:
+    """Return the answer with cleared points outside: their triangle may be seen from behind."""
+    return answer._replace(ds=jnp.where(answer.exact, answer.ds, jnp.abs(answer.ds)))
 
 
 def _search(previous, local, surface, tables, groups, reach, budget):
@@ -120,10 +129,12 @@ def _search(previous, local, surface, tables, groups, reach, budget):
     enough = jnp.minimum(_grown(bound[first]), 1.5 * tables.thickness + reach)
     lead = search_groups(p[:, :1], enough, jnp.ones(len(groups), bool), surface, budget)
     lead_triangle = jnp.where(lead.triangle < 0, previous[first], lead.triangle)
-    lead_ds = jnp.where(lead.triangle < 0, lead.distance, _signed(p[:, 0], lead_triangle[:, 0], lead, surface, tables))
+    sign = jnp.sign(_answer(p[:, 0], lead_triangle[:, 0], None, surface, tables).ds)[:, None]
+    lead_ds = jnp.where(lead.triangle < 0, lead.distance, sign * lead.distance)
     spread = jnp.sqrt(((p - p[:, :1]) ** 2).sum(axis=-1))  # [g, s]
     near = (lead_ds - spread < reach).any(axis=1)
-    bound = _grown(jnp.minimum(bound[groups], lead.distance + spread))
+    known = jnp.where(lead.triangle < 0, jnp.inf, lead.distance)
+    bound = _grown(jnp.minimum(bound[groups], known + spread))
     rest = search_groups(p, bound, near, surface, budget)
     found = jnp.where(rest.triangle < 0, lead_triangle, rest.triangle)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
@@ -135,10 +146,6 @@ def _search(previous, local, surface, tables, groups, reach, budget):
 def _grown(bound: Array) -> Array:
     """Return a bound larger by more than rounding, so that the triangle that gave it passes."""
     return bound * (1 + 1e-4) + 1e-6
-
-
-def _signed(p, triangle, lead, surface, tables):
-    return jnp.sign(_answer(p, triangle, None, surface, tables).ds)[:, None] * lead.distance
 
 
 def _answer(local, triangle, exact, surface, tables) -> ClosestPoint:
@@ -157,7 +164,7 @@ def _answer(local, triangle, exact, surface, tables) -> ClosestPoint:
     distance = jnp.sqrt(jnp.where(touching, 1.0, squared))
     direction = jnp.where(touching[:, None], normal, (sign / distance)[:, None] * away)
     ds = jnp.where(touching, height, sign * distance)
-    return ClosestPoint(b + surface.origin, normal, ds, direction, triangle, exact)
+    return ClosestPoint(b + surface.origin[None], normal, ds, direction, triangle, exact)
 
 
 def _pseudo_normal(triangle, region, surface, tables):

@@ -24,7 +24,7 @@ def face_normals(vertices: Float[Array, "n 3"], faces: Int[Array, "f 3"]) -> Flo
 
 
 def corner_angles(corners: Float[Array, "f 3 3"]) -> Float[Array, "f 3"]:
-    """Return the angle (radians) at each corner of the triangles `[f, corner, xyz]`; 0 at a collapsed edge."""
+    """Return the angle (radians) at each corner of triangles `[f, corner, xyz]`; 0 at a collapsed edge."""
     following, preceding = jnp.roll(corners, -1, axis=1), jnp.roll(corners, 1, axis=1)
     u, v = unit(following - corners), unit(preceding - corners)
     cosine = (u * v).sum(axis=-1)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
@@ -46,7 +47,7 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     """Return the searchable form of the mesh at `vertices` (any frame, metres)."""
     vertices = jnp.asarray(vertices)
     origin = vertices.mean(axis=0)
-    vertices = vertices - origin
+    vertices = vertices - origin[None]
     corners = vertices[jnp.asarray(tables.faces)]  # [r, corner, xyz]
     low = corners.min(axis=1).reshape(-1, LEAF, 3).min(axis=1)
     high = corners.max(axis=1).reshape(-1, LEAF, 3).max(axis=1)
@@ -62,7 +63,7 @@ def _ball(low: Array, high: Array) -> tuple[Array, Array]:
     return (low + high) / 2, jnp.sqrt((half * half).sum(axis=-1)) * (1 + 1e-5)
 
 
-def rows_of(corners: Int[Array, "k 3"], vertices: Float[Array, "c 3"]) -> tuple[Array, ...]:
+def rows_of(corners: Int[Array | np.ndarray, "k 3"], vertices: Float[Array, "c 3"]) -> tuple[Array, ...]:
     """Return `triangle_rows`, 22 arrays `[k]`, of the triangles with these corners."""
     # Coordinates stay separate arrays: stacking them makes XLA on CPU compute everything three times.
     at = vertices[jnp.asarray(corners)]
@@ -84,10 +85,10 @@ def stored(x):
 
 def search_all(points: Float[Array, "n 3"], surface: PosedSurface) -> Int[Array, " n"]:
     """Return the nearest triangle of every point by testing all of them, leaf after leaf."""
-    p = tuple(points.T)
+    p = tuple(points[None, :, x] for x in range(3))
 
     def leaf(i, best):
-        squared = closest_on_triangle(p, tuple(x[i][:, None] for x in surface.rows))[2]
+        squared = closest_on_triangle(p, tuple(x[i][:, None] for x in surface.rows))[2]  # [8, n]
         key = _key(squared, jnp.arange(LEAF, dtype=jnp.int32)[:, None]).min(axis=0)
         nearer = key < best[0]
         return jnp.where(nearer, key, best[0]), jnp.where(nearer, i, best[1])
@@ -140,16 +141,16 @@ def _pairs(points, bound, surface, budget):
     whole = jnp.where(bound >= 0, bound + spread, -1.0).max(axis=1)
     b = len(surface.branch_radius)
     middle = tuple(points[:, 0, x, None] for x in range(3))
-    near = _within(middle, whole[:, None], tuple(surface.branch_centre.T), surface.branch_radius)
+    branches_at = tuple(surface.branch_centre[None, :, x] for x in range(3))
+    near = _within(middle, whole[:, None], branches_at, surface.branch_radius[None])
     pair, branches = _compact(near, budget.branches)
     group, branch = pair // b, pair % b
-    leaf = branch[:, None] * BRANCH + jnp.arange(BRANCH, dtype=jnp.int32)
+    leaf = branch[:, None] * BRANCH + jnp.arange(BRANCH, dtype=jnp.int32)[None]
     centre = tuple(surface.leaf_centre[:, x].reshape(-1, BRANCH)[branch] for x in range(3))
     radius = surface.leaf_radius.reshape(-1, BRANCH)[branch]
-    near = jnp.zeros(leaf.shape, bool)
-    for k in range(points.shape[1]):
-        q = tuple(points[group, k, x, None] for x in range(3))
-        near = near | _within(q, bound[group, k, None], centre, radius)
+    q = tuple(points[group, None, :, x] for x in range(3))  # [branches, 1, s]
+    around = tuple(x[..., None] for x in centre)
+    near = _within(q, bound[group, None], around, radius[..., None]).any(axis=-1)
     near = near & (jnp.arange(budget.branches) < branches)[:, None]
     pair, count = _compact(near, budget.leaves)
     fits = (branches <= budget.branches) & (count <= budget.leaves)
@@ -176,10 +177,10 @@ def _visit(group, leaf, count, points, bound, surface, budget):
         g, k = (x[jnp.minimum(at, len(x) - 1)] for x in (group, leaf))
         rows = tuple(x[k][:, None] for x in surface.rows)  # [chunk, 1, 8]
         q = tuple(points[g, :, x, None] for x in range(3))  # [chunk, s, 1]
-        key = _key(closest_on_triangle(q, rows)[2], slots).min(axis=-1)  # [chunk, s]
+        key = _key(closest_on_triangle(q, rows)[2], slots[None, None]).min(axis=-1)  # [chunk, s]
         best = best.at[jnp.where(valid, g, len(best))].min(key, mode="drop")
         won = (best[g] == key) & valid[:, None]
-        target = jnp.where(won, g[:, None] * s + jnp.arange(s, dtype=jnp.int32), where.size)
+        target = jnp.where(won, g[:, None] * s + jnp.arange(s, dtype=jnp.int32)[None], where.size)
         where = where.at[target].set(jnp.broadcast_to(k[:, None], target.shape), mode="drop")
         return i + chunk, best, where
 

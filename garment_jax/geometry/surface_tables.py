@@ -46,9 +46,7 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     incident, surplus_vertex, surplus_corner = _incidence(faces, row, len(order), len(vertices))
     across = row[_across(faces)][order]
     thickness = np.float32(_thickness(vertices, faces))
-    return SurfaceTables(
-        faces[order], order, across, incident, surplus_vertex, surplus_corner, thickness
-    )
+    return SurfaceTables(faces[order], order, across, incident, surplus_vertex, surplus_corner, thickness)
 
 
 def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:

@@ -67,5 +67,3 @@ def _region(s: Array, u: Array, first: Array, third: Array) -> Array:
     edge = jnp.where(first, 1, jnp.where(third, 3, 2))
     corner = jnp.where(s >= 1, 5, jnp.where(u >= 1, 6, 4))
     return jnp.where((s >= 1) | (u >= 1) | ((s <= 0) & (u <= 0)), corner, edge)
-
-

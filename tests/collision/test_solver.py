@@ -1,0 +1,206 @@
+from functools import partial
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.collision import (
+    MESSAGES,
+    CollisionOptions,
+    Outcome,
+    initial_state,
+    make_collider_tables,
+    make_collision_tables,
+    resolve_collisions,
+)
+from garment_jax.data.packed_clip import decode_steps, find_assets, read_scene
+from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.geometry.laplacian import laplacian, uniform_table
+from garment_jax.geometry.surface_tables import make_surface_tables
+from garment_jax.structs import Motion
+from tests.collision.cloth import sheet, tables
+from tests.geometry.surfaces import box, brute_signed
+
+PINS = np.array([0, 23, 552, 575], np.int32)  # the sheet's corners
+
+
+@partial(jax.jit, static_argnames="small")
+def resolve(V, body, state, pin_positions, settings, small):
+    options = CollisionOptions(small=small)._replace(**settings)
+    made = tables()[0]
+    return resolve_collisions(
+        V, body, state, tables=made, pins=PINS, pin_positions=pin_positions, options=options
+    )
+
+
+def run(V: np.ndarray, *, pins=None, small: int = 72, **settings):
+    """Resolve one frame; the settings are traced, so that the tests share one compilation."""
+    made, body, _ = tables()
+    defaults = {"eps": 1e-3, "iterations": 60, "rings": 6}
+    state = initial_state(jnp.asarray(V), jnp.asarray(body), made.surface)
+    targets = jnp.asarray(V[PINS] if pins is None else pins)
+    return resolve(jnp.asarray(V), jnp.asarray(body), state, targets, defaults | settings, small)
+
+
+@pytest.fixture(scope="module")
+def pierced() -> np.ndarray:
+    """A wavy sheet through the bumpy surface, up to 6 cm inside it."""
+    V, _ = sheet(0.16)
+    V[:, 1] += 0.01 * np.sin(20 * V[:, 0]) * np.cos(25 * V[:, 2])
+    return V
+
+
+def test_a_sheet_leaves_the_body_to_the_last_vertex(pierced):
+    _, body, faces = tables()
+    before = brute_signed(pierced.astype(np.float64), body, faces)
+    result, _ = run(pierced)
+    after = brute_signed(np.asarray(result.V, np.float64), body, faces)
+    assert before.min() < -0.02
+    assert after.min() > 1e-3 - 1e-4
+    assert result.penetrating_before == (before < 0).sum()
+    assert result.deepest_before == pytest.approx(-before.min(), abs=1e-5)
+    assert result.penetrating_after == 0
+    assert result.deepest_after == 0
+    assert result.outcome in (Outcome.CONVERGED, Outcome.STEPS_SPENT)
+    assert result.steps > 0
+
+
+def test_the_shape_is_kept_better_than_by_projection_alone(pierced):
+    _, faces = sheet()
+    table = uniform_table(faces, len(pierced))
+    rough, _ = run(pierced, iterations=0)
+    smooth, _ = run(pierced)
+
+    def change(V):
+        return np.linalg.norm(laplacian(jnp.asarray(V), table) - laplacian(jnp.asarray(pierced), table))
+
+    assert rough.penetrating_after == 0
+    assert change(smooth.V) < 0.6 * change(rough.V)
+    assert smooth.objective == pytest.approx(change(smooth.V), rel=1e-3)
+
+
+def test_more_steps_reach_the_tolerance_and_say_so(pierced):
+    result, _ = run(pierced, iterations=3000)
+    assert result.outcome == Outcome.CONVERGED
+    assert result.converged
+    assert result.steps < 3000
+
+
+def test_nothing_to_do_returns_the_input_bitwise():
+    V, _ = sheet(0.35)
+    result, state = run(V)
+    np.testing.assert_array_equal(result.V, V)
+    assert result.outcome == Outcome.NOTHING_TO_DO
+    assert result.converged
+    assert result.steps == 0
+    assert state.triangle.shape == (len(V),)
+
+
+def test_solving_again_changes_nothing(pierced):
+    once, _ = run(pierced)
+    twice, _ = run(np.asarray(once.V))
+    assert twice.outcome == Outcome.NOTHING_TO_DO
+    np.testing.assert_array_equal(twice.V, once.V)
+
+
+def test_vertices_far_from_a_contact_do_not_move_at_all():
+    V, _ = sheet(0.21)
+    result, _ = run(V, rings=2)
+    moved = (np.asarray(result.V) != V).any(axis=1)
+    assert 0 < moved.sum() < len(V) / 2
+
+
+def test_pins_are_overwritten_and_stay_even_inside(pierced):
+    targets = pierced[PINS] + np.float32(0.01)
+    targets[0] = [0.0, 0.1, 0.0]
+    result, _ = run(pierced, pins=targets)
+    np.testing.assert_array_equal(np.asarray(result.V)[PINS], targets)
+    assert result.penetrating_after == 0
+
+
+def test_small_and_whole_solve_agree():
+    V, _ = sheet(0.21)
+    small, _ = run(V, small=60, rings=2)
+    whole, _ = run(V, rings=2)
+    assert small.steps > 0
+    np.testing.assert_allclose(small.V, whole.V, atol=1e-5)
+
+
+def test_a_sheet_deep_inside_comes_out():
+    _, body, faces = tables()
+    V, _ = sheet(0.0, width=0.3)
+    result, _ = run(V)
+    loose = np.delete(np.asarray(result.V, np.float64), PINS, axis=0)
+    assert (brute_signed(loose, body, faces) < -1e-4).sum() == result.penetrating_after == 0
+
+
+def test_two_surfaces_that_touch_are_reported_and_not_hidden():
+    V, faces = sheet(0.0, width=0.1)
+    slabs, slab_faces = _slabs(gap=1e-3)
+    made = make_collision_tables(V, uniform_table(faces, len(V)), make_surface_tables(slabs, slab_faces))
+    state = initial_state(jnp.asarray(V), jnp.asarray(slabs), made.surface)
+    result, _ = jax.jit(partial(resolve_collisions, tables=made))(jnp.asarray(V), jnp.asarray(slabs), state)
+    assert result.outcome in (Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
+    assert not result.converged
+    assert np.isfinite(result.V).all()
+
+
+def _slabs(gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Two boxes, one above the other, `gap` metres apart at height 0."""
+    vertices, faces = box((0.3, 0.05, 0.3))
+    lift = np.array([[0.0, 0.05 + gap / 2, 0.0]])
+    both = np.concatenate([vertices + lift, vertices - lift]).astype(np.float32)
+    return both, np.concatenate([faces, faces + len(vertices)])
+
+
+def test_a_nan_is_reported_and_not_spread(pierced):
+    bad = pierced.copy()
+    bad[300, 1] = np.nan
+    made, body, _ = tables()
+    state = initial_state(jnp.asarray(pierced), jnp.asarray(body), made.surface)
+    settings = {"eps": 1e-3, "iterations": 60, "rings": 6}
+    result, after = resolve(jnp.asarray(bad), jnp.asarray(body), state, jnp.asarray(bad[PINS]), settings, 72)
+    assert result.outcome == Outcome.NOT_FINITE
+    assert not result.converged
+    np.testing.assert_array_equal(result.V, bad)
+    np.testing.assert_array_equal(after.triangle, state.triangle)
+
+
+def test_every_outcome_has_its_sentence():
+    assert set(MESSAGES) == set(Outcome)
+    assert all(text.endswith(".") for text in MESSAGES.values())
+
+
+@pytest.mark.parametrize("clip", ["test_salsa_27", "test_martial_09"])
+def test_a_real_skirt_pushed_into_the_body_comes_out(shared_data, clip):
+    path = shared_data / "skirt" / f"{clip}.h5"
+    with h5py.File(path) as file:
+        scene = read_scene(file, find_assets(file, path, {}, None), clip)
+        steps = next(decode_steps(file["vertices_delta"][:32]))
+        motion = Motion(file["rotations"][:32], file["root"][:32], 30.0)
+        truth = steps * file["vertices_delta"].attrs["scale"] + motion.root[:, None]
+    assert scene.collider is not None
+    assert scene.pins is not None
+    body = collider_points(scene.collider, pose_body(scene.body, motion, np.arange(32)))
+    surface = make_collider_tables(scene.collider, scene.body)
+    template = np.asarray(scene.garment.template)
+    made = make_collision_tables(template, uniform_table(scene.garment.faces, len(template)), surface)
+    frame = jax.jit(partial(resolve_collisions, tables=made, pins=scene.pins.vertices))
+    exact = jax.jit(partial(closest_point_exact, tables=surface))
+    state = None
+    for t in (0, 1, 2, 16, 31):
+        origin = motion.root[t].astype(np.float32)
+        V, C = (jnp.asarray(x[t] - origin, jnp.float32) for x in (truth, body))
+        at = exact(V, C)
+        pushed = jnp.where((at.ds < 0.06)[:, None], V - 0.01 * at.direction, V)
+        state = initial_state(pushed, C, surface) if state is None else state
+        result, state = frame(pushed, C, state, pin_positions=V[scene.pins.vertices])
+        free = np.ones(len(V), bool)
+        free[scene.pins.vertices] = False
+        after = np.asarray(exact(result.V, C).ds)[free]
+        assert result.penetrating_before > 20
+        assert after.min() > -1e-4
+        np.testing.assert_array_equal(result.V[scene.pins.vertices], V[scene.pins.vertices])

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from garment_jax.geometry.surface_tables import BRANCH, LEAF, make_surface_tables, point_groups
+from tests.geometry.surfaces import box, bumpy, sphere
+
+
+def test_every_triangle_is_there_and_short_leaves_repeat_theirs():
+    vertices, faces = bumpy()
+    tables = make_surface_tables(vertices, faces)
+    assert len(tables.faces) % (LEAF * BRANCH) == 0
+    np.testing.assert_array_equal(np.unique(tables.order), np.arange(len(faces)))
+    np.testing.assert_array_equal(tables.faces, faces[tables.order])
+
+
+def test_across_names_the_triangle_that_shares_the_edge():
+    tables = make_surface_tables(*bumpy())
+    for row in range(0, len(tables.faces), 37):
+        for edge in range(3):
+            ends = {int(tables.faces[row, edge]), int(tables.faces[row, (edge + 1) % 3])}
+            other = tables.across[row, edge]
+            assert tables.order[other] != tables.order[row]
+            assert ends <= set(tables.faces[other].tolist())
+
+
+def test_a_border_edge_has_nobody_across():
+    tables = make_surface_tables(np.eye(3), np.array([[0, 1, 2]]))
+    assert (tables.order[tables.across] == 0).all()
+
+
+def test_incidence_lists_every_corner_once_also_at_a_fan():
+    angle = np.linspace(0, 2 * np.pi, 30, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    vertices = np.concatenate([ring, [[0, 0, 0.5], [0, 0, -0.5]]])
+    around = np.arange(30)
+    after = np.roll(around, -1)
+    top = np.stack([around, after, np.full(30, 30)], axis=1)
+    bottom = np.stack([after, around, np.full(30, 31)], axis=1)
+    faces = np.concatenate([top, bottom])
+    tables = make_surface_tables(vertices, faces)
+    assert (tables.surplus_vertex >= 30).all()
+    for vertex in range(32):
+        corners = tables.incident[vertex]
+        corners = corners[corners < 3 * len(tables.faces)]
+        corners = np.concatenate([corners, tables.surplus_corner[tables.surplus_vertex == vertex]])
+        np.testing.assert_array_equal(tables.faces.reshape(-1)[corners], vertex)
+        named = np.sort(tables.order[corners // 3])
+        np.testing.assert_array_equal(named, np.flatnonzero((faces == vertex).any(axis=1)))
+
+
+def test_thickness_is_the_radius_of_the_largest_inner_ball():
+    assert make_surface_tables(*sphere(0.3, 3)).thickness == pytest.approx(0.3, rel=0.02)
+    assert make_surface_tables(*box((0.3, 0.2, 0.1))).thickness >= 0.1
+
+
+def test_point_groups_hold_every_point_and_begin_in_the_middle():
+    points = np.random.default_rng(0).normal(size=(101, 3))
+    groups = point_groups(points)
+    assert groups.shape[1] == 8
+    np.testing.assert_array_equal(np.unique(groups), np.arange(101))
+    for group in groups:
+        apart = np.linalg.norm(points[group] - points[np.unique(group)].mean(axis=0), axis=1)
+        assert apart[0] == apart.min()
+
+
+def test_refusals_name_value_and_remedy():
+    with pytest.raises(ValueError, match="0 faces; give a closed"):
+        make_surface_tables(np.eye(3), np.zeros((0, 3), int))
+    with pytest.raises(ValueError, match="vertex 7 of 3"):
+        make_surface_tables(np.eye(3), np.array([[0, 1, 7]]))
+    with pytest.raises(ValueError, match="vertex -1 of 3"):
+        make_surface_tables(np.eye(3), np.array([[0, 1, -1]]))
