@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-_LOWER_BODY = ("Hips", "LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot")
+_LOWER_BODY = ("LowerBack", "Spine", "LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg")
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DataConfig:
 class BodyConfig:
     motion_joints: tuple[str, ...] = _LOWER_BODY  # joints whose motion the network sees
     seeds: int = 64  # seed points on the body under the garment
-    tau: float = 0.03  # metres; length scale of the softmax skinning weights
+    tau: float = 0.2  # metres; length scale of the softmax skinning weights (see docs/method.md)
     skin_iterations: int = 3  # fixed-point passes of the inverse skinning
 
 
@@ -50,6 +50,7 @@ class GenerativeConfig:
     instance_norm: bool = True
     map_statistics: bool = True  # give E_gen's dense layer the channel means and deviations
     linear_skip: bool = True  # linear paths beside the networks, begun from principal components
+    laplacian: Literal["uniform", "cotangent"] = "uniform"  # of the template, everywhere
     norm: Literal["cm2", "plain"] = "cm2"  # mean squared cm, or the paper's norm of the mesh
     input_noise: float = 0.0  # metres; noise on E_gen's input vertices while training
     lambda_laplacian: float = 3.5
@@ -68,17 +69,23 @@ class MotionConfig:
     dense: int = 256  # width of E_m's dense layer
     channels: tuple[int, ...] = (24, 48, 96, 128)  # widths of E_s
     state_dim: int = 128  # width of E_s' garment vector
-    dropout: float = 0.0  # on E_m's dense layer while training
+    state_hidden: int = 256  # width of the hidden layer in E_s' pooled path
+    dropout: float = 0.0  # part of the motion features hidden from a lane for a window
     motion_noise: float = 0.0  # deviations; noise on the normalised motion while training
     state_noise: float = 0.0  # metres; noise on the previous frame while training
-    true_starts: float = 0.5  # part of the lanes that begin from a true frame, the rest skinned
-    grace: int = 25  # frames after a skinned start whose error counts less
+    from_first: float = 0.4  # part of the lanes that begin at a clip's first frame
+    true_starts: float = 0.3  # part of the lanes that begin from a true frame, the rest skinned
+    grace: int = 25  # frames after a skinned start within a clip whose error counts less
+    lane_windows: int = 8  # windows after which a lane begins anew
     norm: Literal["cm2", "plain"] = "cm2"
     previous_state: bool = True  # E_s on the map of the last frame; false is the ablation
     window: int = 50  # frames of truncated back-propagation
     lanes: int = 8  # clips trained side by side
     lambda_laplacian: float = 1.5
     lambda_latent: float = 0.5
+    warm_up_steps: int = 1_500  # windows in the linearised latent space before the full loop; 0 none
+    warm_up_lanes: int = 32
+    warm_up_rate: float = 1e-3
     steps: int = 5_000  # windows
     learning_rate: float = 1e-4
     weight_decay: float = 1e-3
@@ -87,7 +94,13 @@ class MotionConfig:
 @dataclass(frozen=True)
 class DetailConfig:
     features: tuple[int, ...] = (8, 10)  # widths of the EdgeConv layers
-    lambda_adversarial: float = 0.01  # weight of the generator's score term beside L1 in cm
+    code_features: tuple[int, ...] = (64, 32)  # widths of the dense layers on Z
+    hidden: int = 32  # width of a layer in which both meet; 0 leaves it out, as in the paper
+    vertex_code: int = 8  # width of a learned vector for each vertex; 0 is the paper's
+    channels: tuple[int, ...] = (16, 32, 64, 96)  # widths of the discriminator's convolutions
+    wrinkle_map: bool = True  # the discriminator sees the Laplacian too; false is the paper's
+    lambda_laplacian: float = 1.0
+    lambda_adversarial: float = 0.01  # of the generator's score term beside L1 in cm; 0: no discriminator
     steps: int = 3_000
     batch: int = 8  # frames
     learning_rate: float = 2e-4
@@ -134,7 +147,7 @@ class Config:
 
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
-    | {"batch", "gru", "window", "lanes", "features", "learning_rate", "eps"}
+    | {"batch", "gru", "window", "lanes", "features", "code_features", "learning_rate", "eps"}
     | {"log_every", "chunk"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them.

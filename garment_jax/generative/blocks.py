@@ -70,6 +70,7 @@ class MapEncoder(nn.Module):
     instance_norm: bool = True
     statistics: bool = True
     skip: int = 0
+    skip_hidden: int = 0  # width of a hidden layer in the skip; 0 leaves it linear
     dense_scale: float = 1.0  # of the dense layer's start; 0 begins from the skip alone
 
     @nn.compact
@@ -88,8 +89,21 @@ class MapEncoder(nn.Module):
         start = nn.initializers.variance_scaling(self.dense_scale**2 or 1e-10, "fan_in", "normal")
         out = nn.Dense(self.features, kernel_init=start)(flat)
         if self.skip:
-            out = out + nn.Dense(self.features, use_bias=False, name="skip")(flatten(pool(S, self.skip)))
+            out = out + PooledSkip(self.features, self.skip_hidden, name="skip")(flatten(pool(S, self.skip)))
         return out
+
+
+class PooledSkip(nn.Module):
+    """The encoder's path beside the convolutions: pooled map `[*b, 3 p]` -> `[*b, features]`, no bias at the end."""
+
+    features: int
+    hidden: int
+
+    @nn.compact
+    def __call__(self, pooled: jax.Array) -> jax.Array:
+        if self.hidden:
+            pooled = leaky(nn.Dense(self.hidden, name="hidden")(pooled))
+        return nn.Dense(self.features, use_bias=False, name="out")(pooled)
 
 
 def pool(S: jax.Array, size: int) -> jax.Array:

@@ -116,7 +116,7 @@ def _begin_dyn(dyn: dict, model: LinearModel, P_d: np.ndarray, template: Templat
 def _begin_encoder(
     encoder: dict, V: np.ndarray, model: LinearModel, template: Template, config: GenerativeConfig
 ) -> None:
-    kernel = encoder["skip"]["kernel"]
+    kernel = encoder["skip"]["out"]["kernel"]
     size = int(np.sqrt(len(kernel) // 3))
     pooled = jax.jit(jax.vmap(lambda v: pool(position_map(v, template), size).reshape(-1)))
     X = np.concatenate([np.asarray(pooled(V[i : i + 64])) for i in range(0, len(V), 64)]).astype(np.float64)

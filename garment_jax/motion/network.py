@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from garment_jax.config import GenerativeConfig, MotionConfig
 from garment_jax.data.template import Template
 from garment_jax.generative.blocks import MapEncoder, leaky
-from garment_jax.generative.network import position_map
+from garment_jax.generative.network import POOLED, position_map
 from garment_jax.structs import FrameInput
 
 
@@ -25,14 +25,16 @@ class MotionCarry(NamedTuple):
     V_prev: jax.Array  # [*b, n, 3] last predicted frame before detail and collision, its own root frame
 
 
-def _state_encoder(config: MotionConfig, generative: GenerativeConfig, size: int) -> MapEncoder:
-    skip = min(16, size) if generative.linear_skip else 0
+def state_encoder(config: MotionConfig, generative: GenerativeConfig, size: int) -> MapEncoder:
+    """Return E_s: as E_gen, with a hidden layer in its pooled path (the state's effect is not linear)."""
+    skip = min(POOLED, size) if generative.linear_skip else 0
     return MapEncoder(
         config.channels,
         config.state_dim,
         generative.instance_norm,
         generative.map_statistics,
         skip=skip,
+        skip_hidden=config.state_hidden,
         dense_scale=0.1 if skip else 1.0,
     )
 
@@ -51,7 +53,7 @@ def init_motion(
         "fc": nn.Dense(generative.latent_dim).init(keys[3], jnp.zeros(joined))["params"],
     }
     if config.previous_state:
-        encoder = _state_encoder(config, generative, size)
+        encoder = state_encoder(config, generative, size)
         params["E_s"] = jax.jit(encoder.init)(keys[4], jnp.zeros((size, size, 3)))["params"]
     return params
 
@@ -112,6 +114,6 @@ def motion_code(
     h = gru_step(params, h, gates)
     if not config.previous_state:
         return h, _dense(params["fc"], h)
-    encoder = _state_encoder(config, generative, template.atlas.coverage.shape[0])
+    encoder = state_encoder(config, generative, template.atlas.coverage.shape[0])
     e = encoder.apply({"params": params["E_s"]}, position_map(V_prev, template))
     return h, _dense(params["fc"], jnp.concatenate([h, jnp.asarray(e)], axis=-1))

@@ -43,9 +43,10 @@ def begin_lanes(carry: MotionCarry, batch: MotionBatch) -> MotionCarry:
     return jax.lax.stop_gradient(MotionCarry(h, V_prev))
 
 
-def _noisy_gates(
+def noisy_gates(
     params: dict, key: jax.Array, M: jax.Array, template: Template, config: MotionConfig
 ) -> jax.Array:
+    """Return the GRU's input gates of a window with the configured noise; the key is consumed."""
     noise_key, drop_key = jax.random.split(key)
     x = normalise_motion(M, template)
     if config.motion_noise:
@@ -73,7 +74,7 @@ def motion_loss(
     `frozen` are the generative model's parameters: gradients pass through, nothing updates them.
     """
     gate_key, state_key = jax.random.split(key)
-    gates = _noisy_gates(params, gate_key, batch.x.M, template, config)
+    gates = noisy_gates(params, gate_key, batch.x.M, template, config)
 
     def frame(carry: MotionCarry, inputs):
         x, gates, V_star, Z_star, key = inputs

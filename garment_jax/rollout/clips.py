@@ -1,0 +1,65 @@
+"""Several motions of different lengths rolled out side by side, chunk by chunk."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import jax
+import numpy as np
+
+from garment_jax.motion.network import MotionCarry
+from garment_jax.structs import FrameInput
+
+
+def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput, np.ndarray]:
+    """Return the motions as `[t, b, ...]`, t a multiple of `chunk`, and the mask `[t, b]` of real frames.
+
+    Shorter motions repeat their last frame at rest (no turn, no shift): the padding computes something
+    finite that nobody reads, and all clips share one compiled program.
+    """
+    lengths = [len(motion.M) for motion in motions]
+    total = -(-max(lengths) // chunk) * chunk
+
+    def padded(motion: FrameInput) -> FrameInput:
+        more = total - len(motion.M)
+        still = FrameInput(motion.M[-1], np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
+        return FrameInput(
+            *(np.concatenate([a, np.repeat(b[None], more, axis=0)]) for a, b in zip(motion, still, strict=True))
+        )
+
+    filled = [padded(motion) for motion in motions]
+    stacked = FrameInput(*(np.stack(leaves, axis=1) for leaves in zip(*filled, strict=True)))
+    return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
+
+
+def rollout_chunks(
+    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    params: dict,
+    state: MotionCarry,
+    x: FrameInput,
+    *,
+    chunk: int,
+) -> Iterator[tuple[int, jax.Array]]:
+    """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is from `make_rollout`.
+
+    Raises `ValueError` unless `chunk` divides t (`stack_motions` pads).
+    """
+    frames = len(x.M)
+    if frames % chunk:
+        raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
+    for start in range(0, frames, chunk):
+        piece = FrameInput(*(leaf[start : start + chunk] for leaf in x))
+        state, V = run(params, state, piece)
+        yield start, V
+
+
+def rollout_batch(
+    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    params: dict,
+    state: MotionCarry,
+    motions: Sequence[FrameInput],
+    *,
+    chunk: int,
+) -> list[np.ndarray]:
+    """Return each motion's garment `[t_i, n, 3]`, metres, root frames; `state` leaves are `[b, ...]`."""
+    x, _ = stack_motions(motions, chunk)
+    V = np.concatenate([np.asarray(v) for _, v in rollout_chunks(run, params, state, x, chunk=chunk)])
+    return [V[: len(motion.M), b] for b, motion in enumerate(motions)]

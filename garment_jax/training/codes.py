@@ -1,0 +1,37 @@
+"""The latent codes of all training frames, once per trained generative model (paper 3.3, Z*)."""
+
+import os
+
+import jax
+import numpy as np
+
+from garment_jax.data.prepared import frames_of
+from garment_jax.generative.network import encode
+from garment_jax.training.run import Run, say
+
+CHUNK = 64  # frames
+
+
+def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
+    """Return Z* `[t, latent]` of every training clip, mirror images included; cached in the run's folder."""
+    path = run.folder / "cache" / "true_codes.npz"
+    if path.exists():
+        with np.load(path) as stored:
+            return [stored[str(i)] for i in range(len(run.data.train))]
+    say("motion: encoding the training clips")
+
+    @jax.jit
+    def mean(params: dict, V: jax.Array) -> jax.Array:
+        return encode(params, V, template=run.template, config=run.config.generative).mean
+
+    codes = []
+    for clip in run.data.train:
+        Z = np.zeros((len(clip.V), run.config.generative.latent_dim), np.float32)
+        for start in range(0, len(clip.V), CHUNK):
+            window = np.minimum(np.arange(start, start + CHUNK), len(clip.V) - 1)
+            Z[window] = mean(generative, frames_of(clip, window, run.data)[0])
+        codes.append(Z)
+    partial = path.with_suffix(".partial.npz")
+    np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})
+    os.replace(partial, path)
+    return codes

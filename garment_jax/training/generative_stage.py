@@ -1,0 +1,79 @@
+"""Stage 1: the garment generative model (paper 3.2)."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.data.batches import random_frames, spread_frames
+from garment_jax.generative.network import decode, encode, init_generative
+from garment_jax.generative.principal import begin_linear
+from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
+from garment_jax.structs import TrainState
+from garment_jax.training.run import Run, optimise, say
+
+START_FRAMES = 2_400  # frames whose principal components the model begins from
+
+
+def train_generative(run: Run) -> dict:
+    """Return the trained parameters; goes on from the newest checkpoint."""
+    config, training = run.config.generative, run.config.training
+
+    def begin(optimiser) -> TrainState:
+        params = begin_generative(run)
+        return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 1), jnp.int32(0))
+
+    def batch_at(step: int) -> GenerativeBatch:
+        return GenerativeBatch(*random_frames(run.data, config.batch, seed=training.seed, step=step))
+
+    state = optimise(
+        run,
+        "generative",
+        begin,
+        lambda optimiser: make_generative_train_step(run.template, config, optimiser),
+        batch_at,
+        steps=config.steps,
+        rate=config.learning_rate,
+        decay=config.weight_decay,
+        validate=_validation(run),
+        frames_per_step=config.batch,
+    )
+    return state.params
+
+
+def begin_generative(run: Run) -> dict:
+    """Return the parameters that stage 1 begins from."""
+    config = run.config.generative
+    params = init_generative(
+        jax.random.key(run.config.training.seed), run.template, config=config
+    )
+    if not config.linear_skip:
+        return params
+    V, T_tilde = spread_frames(run.data, START_FRAMES)
+    say(f"generative: principal components of {len(V)} frames")
+    return begin_linear(params, V, T_tilde, template=run.template, config=config)
+
+
+def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
+    """Return a function that reconstructs every fourth frame of the clips kept back: RMSE in cm."""
+    if not run.data.validation:
+        return None
+    config = run.config.generative
+
+    @jax.jit
+    def error(params: dict, V: jax.Array) -> jax.Array:
+        mean = encode(params, V, template=run.template, config=config).mean
+        rebuilt = decode(params, mean, template=run.template, config=config).V
+        return 1e4 * jnp.square(rebuilt - V).sum(axis=-1).mean(axis=-1)
+
+    def validate(state: TrainState) -> dict[str, float]:
+        errors = {}
+        for clip in run.data.validation:
+            frames = np.asarray(clip.V[::4])
+            frames = frames[: len(frames) // 16 * 16].reshape(-1, 16, *frames.shape[1:])
+            square = np.mean([error(state.params, batch) for batch in frames])
+            errors[f"{clip.name}_rmse_cm"] = float(np.sqrt(square))
+        return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}
+
+    return validate

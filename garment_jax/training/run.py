@@ -1,0 +1,105 @@
+"""A training run: what its three stages share, and the stages one after the other."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from garment_jax.config import Config, content_hash, to_dict
+from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.prepared import DataSet, prepare
+from garment_jax.data.start import make_skinned_template
+from garment_jax.data.template import Template, make_template
+from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.log import RunLog
+from garment_jax.training.loop import run_stage
+from garment_jax.training.optimiser import make_optimiser
+from garment_jax.training.run_directory import prepare_run
+
+STAGES = ("generative", "motion", "detail")
+
+
+class Run(NamedTuple):
+    """An open run directory with everything that its stages read."""
+
+    config: Config
+    folder: Path
+    data: DataSet
+    template: Template
+    skinned: Callable[..., jax.Array]  # (R_seed, t_seed) -> skinned template
+    log: RunLog
+
+
+def open_run(config: Config, folder: str | Path, *, data_dir: str | Path, tensorboard: bool = False) -> Run:
+    """Prepare the data (cached in the run's folder) and open or create the run.
+
+    Raises `ValueError` for a folder that belongs to another configuration, garment or data set.
+    """
+    folder = Path(folder)
+    data = prepare(data_dir, config, folder / "cache")
+    facts = {"garment": garment_hash(data.scene.garment), "data": data.content}
+    prepare_run(folder, config, facts=facts)
+    scene = data.scene
+    template = make_template(
+        scene.garment,
+        scene.body,
+        data.statistics,
+        uv_size=config.uv.size,
+        laplacian=config.generative.laplacian,
+    )
+    skinned = make_skinned_template(template.T, data.seeds, config.body.tau)
+    return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))
+
+
+def checkpointer(run: Run, stage: str) -> Checkpointer:
+    """Return the stage's checkpoints, which describe the model completely."""
+    statistics = {name: np.asarray(x).tolist() for name, x in run.template.statistics._asdict().items()}
+    metadata = {
+        "config": to_dict(run.config),
+        "config_hash": content_hash(run.config),
+        "garment_hash": garment_hash(run.data.scene.garment),
+        "vertices": len(run.template.T),
+        "fps": run.data.fps,
+        "statistics": statistics,
+    }
+    return Checkpointer(run.folder, stage, metadata=metadata)
+
+
+def optimise(
+    run: Run,
+    stage: str,
+    state_of: Callable[[Any], Any],
+    step_of: Callable[[Any], Any],
+    batch_at: Callable[[int], Any],
+    *,
+    steps: int,
+    rate: float,
+    decay: float,
+    validate: Callable[[Any], dict[str, float]] | None,
+    frames_per_step: int,
+) -> Any:
+    """Run one stage with its own optimiser: `state_of(optimiser)` to begin, `step_of(optimiser)` to go on."""
+    training = run.config.training
+    optimiser = make_optimiser(training, learning_rate=rate, weight_decay=decay, steps=steps)
+    return run_stage(
+        stage,
+        state_of(optimiser),
+        step_of(optimiser),
+        batch_at,
+        steps=steps,
+        checkpointer=checkpointer(run, stage),
+        logger=run.log,
+        checkpoint_seconds=training.checkpoint_seconds,
+        validate=validate,
+        validate_every=training.validate_every,
+        log_every=training.log_every,
+        frames_per_step=frames_per_step,
+    )
+
+
+def say(text: str) -> None:
+    """Print a line of progress on standard error."""
+    print(text, file=sys.stderr, flush=True)
