@@ -1,5 +1,6 @@
 # make test            set up .venv, check style and types, run all tests
 # make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
+# make judge MODEL=DIR  the last three of these, for any trained model
 # make setup lint format lock clean
 # PYTHON=python3.12 selects the interpreter that .venv is made with.
 
@@ -10,9 +11,10 @@ IMPORTED ?= data/skirt
 WORKERS ?= 2
 BIN := $(VENV)/bin
 TESTS := tests
-PREDICTIONS := $(RUN)/test
+PREDICTIONS = $(RUN)/test
+MODEL ?= models/skirt
 
-.PHONY: test skirt setup lint format lock clean
+.PHONY: test skirt judge setup lint format lock clean
 
 test: lint
 	@$(BIN)/python -m pytest -n $(WORKERS) $(TESTS)
@@ -38,7 +40,7 @@ format: setup
 # One file for Python 3.11 and newer, without any mirror's address; needs uv.
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
-	  --custom-compile-command 'make lock' --default-index https://pypi.org/simple --no-emit-index-url \
+	  --custom-compile-command 'make lock' --no-emit-index-url \
 	  --extra test --extra dev --extra tensorboard pyproject.toml -o requirements.lock
 
 # Interrupted at any point, the same command goes on where it was.
@@ -46,13 +48,16 @@ skirt: setup
 	@test -n "$(DATA)" || { echo "make skirt needs the folder of clips: make skirt DATA=DIR" >&2; exit 2; }
 	$(BIN)/garment-jax import $(DATA) --out $(IMPORTED)
 	$(BIN)/python train.py configs/skirt.toml --data $(IMPORTED) --run-dir $(RUN)
+	@$(MAKE) --no-print-directory judge MODEL=$(RUN)
+
+# Animate, evaluate and render the test clips with any run or model: make judge MODEL=models/skirt
+judge: setup
 	mkdir -p $(PREDICTIONS)
-	set -e; for clip in $(IMPORTED)/test_*.h5; do \
-	  name=$$(basename $$clip .h5); \
-	  $(BIN)/python infer.py $(RUN) --motion $$clip --out $(PREDICTIONS)/$$name.h5; \
-	  $(BIN)/garment-jax evaluate $(PREDICTIONS)/$$name.h5 $$clip; \
-	  $(BIN)/garment-jax render $(PREDICTIONS)/$$name.h5 $$clip --out $(PREDICTIONS)/$$name.png; \
+	set -e; for clip in $(IMPORTED)/test/*.h5; do \
+	  $(BIN)/python infer.py $(MODEL) --motion $$clip --out $(PREDICTIONS)/$$(basename $$clip); \
 	done
+	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json
+	$(BIN)/garment-jax render $(PREDICTIONS) $(IMPORTED)/test --out $(RUN)/pictures
 
 clean:
 	rm -rf $(VENV) .cache build

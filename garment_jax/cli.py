@@ -1,4 +1,4 @@
-"""`garment-jax COMMAND`: import, info, evaluate, render.
+"""`garment-jax COMMAND`: import, info, evaluate, render, save.
 
 Commands import what they need when they run, so that `--help` is quick. What a user can do wrong ends
 in one sentence and exit code 2.
@@ -42,7 +42,25 @@ def make_parser() -> argparse.ArgumentParser:
     _add_info(commands)
     _add_evaluate(commands)
     _add_render(commands)
+    _add_save(commands)
     return parser
+
+
+def _add_save(commands) -> None:
+    parser = commands.add_parser("save", help="save a run's newest parameters as a model to ship")
+    parser.add_argument("run_dir", type=Path, metavar="RUN", help="folder that train.py wrote")
+    parser.add_argument("--out", required=True, type=Path, help="folder of the model, e.g. models/skirt")
+    parser.add_argument("--bits", type=int, choices=(16, 32), default=16, help="of each parameter")
+    parser.set_defaults(run=_save)
+
+
+def _save(options: argparse.Namespace) -> None:
+    from garment_jax.rollout.model import save_model
+    from garment_jax.training.pipeline import trained_model
+
+    folder = save_model(trained_model(options.run_dir), options.out, bits=options.bits)
+    size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
+    print(f"{folder}: {size:.1f} MB, {options.bits} bits")
 
 
 def _add_import(commands) -> None:

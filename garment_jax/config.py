@@ -98,6 +98,7 @@ class DetailConfig:
     hidden: int = 32  # width of a layer in which both meet; 0 leaves it out, as in the paper
     vertex_code: int = 8  # width of a learned vector for each vertex; 0 is the paper's
     channels: tuple[int, ...] = (16, 32, 64, 96)  # widths of the discriminator's convolutions
+    source: Literal["reconstruction", "rollout"] = "reconstruction"  # the frames it learns from
     wrinkle_map: bool = True  # the discriminator sees the Laplacian too; false is the paper's
     lambda_laplacian: float = 1.0
     lambda_adversarial: float = 0.01  # of the generator's score term beside L1 in cm; 0: no discriminator
@@ -110,8 +111,8 @@ class DetailConfig:
 @dataclass(frozen=True)
 class CollisionConfig:
     eps: float = 1e-3  # metres; the distance kept from the body
-    iterations: int = 20  # projected-gradient steps
-    tolerance: float = 1e-5  # metres; largest vertex step at which the solver stops
+    iterations: int = 60  # projected-gradient steps at most
+    tolerance: float = 1e-4  # metres; movement between two searches that counts as standing still
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,20 @@ class Checkpointer:
         """
         return _unflatten(like, self._read(step), part, self.folder)
 
+    def tree(self, part: str, *, step: int | None = None) -> dict:
+        """The nested dict of arrays saved under the field `part`, without knowing its structure."""
+        tree: dict[str, Any] = {}
+        for path, (_, value) in self._read(step).items():
+            field, _, rest = path.partition("/")
+            if field != part:
+                continue
+            *folders, leaf = rest.split("/")
+            node = tree
+            for folder in folders:
+                node = node.setdefault(folder, {})
+            node[leaf] = value
+        return tree
+
     def metadata(self, step: int | None = None) -> dict[str, Any]:
         """What `save` described: `metadata`, `extra`, `step`, `versions`, `leaves`."""
         return json.loads((self._path(step) / "metadata.json").read_text(encoding="utf-8"))

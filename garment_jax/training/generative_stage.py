@@ -11,6 +11,7 @@ from garment_jax.generative.network import decode, encode, init_generative
 from garment_jax.generative.principal import begin_linear
 from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.structs import TrainState
+from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
 
 START_FRAMES = 2_400  # frames whose principal components the model begins from
@@ -33,9 +34,13 @@ def train_generative(run: Run) -> dict:
         begin,
         lambda optimiser: make_generative_train_step(run.template, config, optimiser),
         batch_at,
+        optimiser=make_optimiser(
+            run.config.training,
+            learning_rate=config.learning_rate,
+            weight_decay=config.weight_decay,
+            steps=config.steps,
+        ),
         steps=config.steps,
-        rate=config.learning_rate,
-        decay=config.weight_decay,
         validate=_validation(run),
         frames_per_step=config.batch,
     )

@@ -30,6 +30,7 @@ from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import TrainState
 from garment_jax.training.codes import true_codes
+from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise
 
 LINEAR_FRAMES = 1_200  # frames that the linearised garment is fitted to
@@ -93,9 +94,13 @@ def _warm_up(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> d
         begin,
         lambda optimiser: make_warm_up_step(linear, run.template, config, optimiser),
         batch_at,
+        optimiser=make_optimiser(
+            run.config.training,
+            learning_rate=config.warm_up_rate,
+            weight_decay=config.weight_decay,
+            steps=config.warm_up_steps,
+        ),
         steps=config.warm_up_steps,
-        rate=config.warm_up_rate,
-        decay=config.weight_decay,
         validate=_validation(run, generative),
         frames_per_step=config.warm_up_lanes * config.window,
     )
@@ -129,9 +134,13 @@ def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) ->
             run.template, generative, config, run.config.generative, optimiser
         ),
         batch_at,
+        optimiser=make_optimiser(
+            run.config.training,
+            learning_rate=config.learning_rate,
+            weight_decay=config.weight_decay,
+            steps=config.steps,
+        ),
         steps=config.steps,
-        rate=config.learning_rate,
-        decay=config.weight_decay,
         validate=_validation(run, generative),
         frames_per_step=config.lanes * config.window,
     )

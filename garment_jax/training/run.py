@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import optax
 
 from garment_jax.config import Config, content_hash, to_dict
 from garment_jax.data.content_hash import garment_hash
@@ -16,7 +17,6 @@ from garment_jax.data.template import Template, make_template
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run_directory import prepare_run
 
 STAGES = ("generative", "motion", "detail")
@@ -75,15 +75,13 @@ def optimise(
     step_of: Callable[[Any], Any],
     batch_at: Callable[[int], Any],
     *,
+    optimiser: optax.GradientTransformation,
     steps: int,
-    rate: float,
-    decay: float,
     validate: Callable[[Any], dict[str, float]] | None,
     frames_per_step: int,
 ) -> Any:
-    """Run one stage with its own optimiser: `state_of(optimiser)` to begin, `step_of(optimiser)` to go on."""
+    """Run one stage: `state_of(optimiser)` to begin, `step_of(optimiser)` to go on; return its last state."""
     training = run.config.training
-    optimiser = make_optimiser(training, learning_rate=rate, weight_decay=decay, steps=steps)
     return run_stage(
         stage,
         state_of(optimiser),

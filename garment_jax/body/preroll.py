@@ -1,0 +1,36 @@
+"""Frames before a motion's first, so that a garment hangs and follows before it is looked at."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from garment_jax.body.root_frame import heading, yaw_matrix
+from garment_jax.structs import Motion
+
+SETTLE, BLEND = 0.48, 0.39  # parts of the preroll; the rest holds the first pose
+
+
+def preroll_motion(motion: Motion, frames: int) -> Motion:
+    """Return `frames` frames that go before `motion`: canonical pose, a smoothstep blend, the first pose.
+
+    The root stands still at the first frame's position and heading: only the pose moves. Joints turn
+    along the shortest arc (slerp of world rotations). Raises `ValueError` for a negative length.
+    """
+    if frames < 0:
+        raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
+    first = motion.rotations[0].astype(np.float64)
+    start = np.repeat(yaw_matrix(heading(first[0]))[None], len(first), axis=0)
+    u = np.clip((np.arange(frames) / max(frames, 1) - SETTLE) / BLEND, 0.0, 1.0)
+    u = u * u * (3.0 - 2.0 * u)
+    rotations = np.zeros((frames, len(first), 3, 3))
+    for j in range(len(first)):
+        pair = Rotation.from_matrix(np.stack([start[j], first[j]]))
+        rotations[:, j] = Slerp([0.0, 1.0], pair)(u).as_matrix() if frames else rotations[:, j]
+    root = np.repeat(motion.root[:1], frames, axis=0)
+    return Motion(rotations.astype(motion.rotations.dtype), root, motion.fps)
+
+
+def with_preroll(motion: Motion, frames: int) -> Motion:
+    """Return `motion` with its preroll in front."""
+    before = preroll_motion(motion, frames)
+    rotations = np.concatenate([before.rotations, motion.rotations])
+    return Motion(rotations, np.concatenate([before.root, motion.root]), motion.fps)

@@ -1,0 +1,210 @@
+"""A whole motion through a whole model, streamed: the work of `infer.py`."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from garment_jax.body.motion_features import feature_names
+from garment_jax.body.preroll import with_preroll
+from garment_jax.body.root_frame import from_root
+from garment_jax.collision import (
+    CollisionOptions,
+    CollisionState,
+    initial_state,
+    make_collider_tables,
+    make_collision_tables,
+    resolve_collisions,
+)
+from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.data.start import make_skinned_template
+from garment_jax.data.template import Template
+from garment_jax.data.validation import check_input
+from garment_jax.rollout.clips import rollout_chunks, stack_motions
+from garment_jax.rollout.model import Model, template_for
+from garment_jax.rollout.placement import carried_points, pose_carried
+from garment_jax.rollout.scan import make_rollout
+from garment_jax.rollout.step import init_state
+from garment_jax.structs import FrameInput, Motion, Scene
+
+FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
+
+
+class Chunk(NamedTuple):
+    """A stretch of finished frames."""
+
+    V: np.ndarray  # [k, n, 3] float32 metres, world
+    deepest: np.ndarray  # [k] metres inside the collider before collision handling; 0 without it
+
+
+def animate(
+    model: Model,
+    scene: Scene,
+    motion: Motion,
+    *,
+    detail: bool = True,
+    collision: bool = True,
+    preroll: int = 0,
+    name: str = "the clip",
+) -> Iterator[Chunk]:
+    """Yield the garment of `motion`, chunk by chunk, world frame; memory does not grow with its length.
+
+    Begins from the skinned template (with `preroll`, from the template itself, `preroll` frames before).
+    Pinned vertices are the body's. Raises `ValueError` for a garment or a frame rate that the model was
+    not trained on, or a joint that the body lacks.
+    """
+    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
+        raise ValueError(
+            f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion."
+        )
+    template, seeds = template_for(model, scene, name)
+    whole = with_preroll(motion, preroll)
+    inputs = motion_input(whole, scene, seeds, model.config.body.motion_joints)
+    skinned = make_skinned_template(template.T, seeds, model.config.body.tau)
+    V_start = skinned(inputs.R_seed[:1], inputs.t_seed[:1])[0]
+    chunk = model.config.rollout.chunk
+    finish = _finisher(model, scene, whole, inputs, template, collision=collision)
+    x, _ = stack_motions([inputs.x], chunk)
+    single = FrameInput(*(leaf[:, 0] for leaf in x))
+    state = init_state(model.params, V_start, config=model.config)
+    run = make_rollout(template, model.config, detail=detail)
+    for start, V in rollout_chunks(run, model.params, state, single, chunk=chunk):
+        stop = min(start + chunk, len(whole.root))
+        finished = finish(V, slice(start, stop))
+        skip = max(preroll - start, 0)
+        if skip < stop - start:
+            yield Chunk(finished.V[skip:], finished.deepest[skip:])
+
+
+def _finisher(
+    model: Model,
+    scene: Scene,
+    motion: Motion,
+    inputs: MotionInput,
+    template: Template,
+    *,
+    collision: bool,
+) -> Callable[[jax.Array, slice], Chunk]:
+    """Return a function (V of a padded chunk, its real frames) -> the chunk in the world."""
+    collision = collision and scene.collider is not None
+    carried = carried_points(scene, collision=collision)
+    resolve = _resolver(model, scene, template) if collision else None
+
+    def finish(V: jax.Array, frames: slice) -> Chunk:
+        count = frames.stop - frames.start
+        pins, collider = pose_carried(carried, scene, motion, inputs, frames)
+        deepest = np.zeros(count, np.float32)
+        if resolve is not None:
+            V, deepest = resolve(V, pins, collider)
+        placed = np.array(V[:count], np.float64)
+        placed[:, carried.pins] = pins
+        world = from_root(placed, inputs.root[frames], inputs.yaw[frames])
+        return Chunk(world.astype(np.float32), np.asarray(deepest)[:count])
+
+    return finish
+
+
+def _resolver(model: Model, scene: Scene, template: Template) -> Callable:
+    """Return a function that resolves a chunk's frames one after the other, remembering contacts."""
+    assert scene.collider is not None
+    surface = make_collider_tables(scene.collider, scene.body)
+    tables = make_collision_tables(template.T, template.laplacian, surface)
+    settings = model.config.collision
+    options = CollisionOptions(
+        eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance
+    )
+    pins = None if scene.pins is None else scene.pins.vertices
+
+    @jax.jit
+    def resolve(V: jax.Array, pin_positions: jax.Array, collider: jax.Array, state: CollisionState):
+        def frame(state: CollisionState, inputs):
+            v, pinned, c = inputs
+            result, state = resolve_collisions(
+                v,
+                c,
+                state,
+                tables=tables,
+                pins=pins,
+                pin_positions=None if pins is None else pinned,
+                options=options,
+            )
+            return state, (result.V, result.deepest_before)
+
+        return jax.lax.scan(frame, state, (V, pin_positions, collider))
+
+    known: list[CollisionState] = []
+
+    def run(V: jax.Array, pin_positions: np.ndarray, collider: np.ndarray):
+        if not known:
+            known.append(initial_state(V[0], collider[0], surface))
+        pad = len(V) - len(collider)
+        # the last chunk's padding repeats its last frame: one compiled length
+        pin_positions = np.concatenate([pin_positions, np.repeat(pin_positions[-1:], pad, axis=0)])
+        collider = np.concatenate([collider, np.repeat(collider[-1:], pad, axis=0)])
+        known[0], (V, deepest) = resolve(V, pin_positions, collider, known[0])
+        return V, deepest
+
+    return run
+
+
+def animate_file(
+    model: Model,
+    clip: str | Path,
+    out: str | Path,
+    *,
+    detail: bool = True,
+    collision: bool = True,
+    preroll: int = 0,
+) -> dict[str, float]:
+    """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
+
+    Progress goes to standard error. The file appears when it is whole. Per frame it also holds how far
+    the motion leaves the training range (`extra/outside_training_range`, in ranges; 0 inside).
+    """
+    with open_sequence(clip) as sequence:
+        check_input(sequence, joints=model.config.body.motion_joints)
+        scene, motion, name = sequence.scene, sequence.motion, sequence.name
+    outside, worst = training_range(model, scene, motion)
+    began = time.perf_counter()
+    frames, deepest = 0, 0.0
+    attributes = {"kind": "predicted", "name": name}
+    pieces = animate(
+        model, scene, motion, detail=detail, collision=collision, preroll=preroll, name=name
+    )
+    with SequenceWriter(out, scene, motion, attributes=attributes) as writer:
+        for piece in pieces:
+            writer.append(piece.V)
+            frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
+            rate = frames / (time.perf_counter() - began)
+            left = (len(motion.root) - frames) / rate
+            line = f"\r{name}: {frames}/{len(motion.root)} frames, {rate:.0f} frames/s, {left:.0f} s left "
+            print(line, end="", file=sys.stderr, flush=True)
+        writer.add_per_frame("outside_training_range", outside)
+    print(file=sys.stderr)
+    if outside.max() > 0.1:
+        print(
+            f"{name}: the motion leaves the training range by up to {outside.max():.0%} of it "
+            f"({worst}, frame {int(outside.argmax())}); expect less there.",
+            file=sys.stderr,
+        )
+    return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
+
+
+def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarray, str]:
+    """Return how far each frame's motion lies outside the training range `[t]`, and the worst feature.
+
+    In units of the feature's range (at least 3 of its deviations), the largest over features.
+    """
+    _, seeds = template_for(model, scene, "the clip")
+    joints = model.config.body.motion_joints
+    M = motion_input(motion, scene, seeds, joints).x.M
+    s = model.statistics
+    width = np.maximum(s.motion_high - s.motion_low, 3 * s.motion_std)
+    beyond = np.maximum(np.maximum(M - s.motion_high, s.motion_low - M), 0.0) / width
+    worst = int(np.unravel_index(beyond.argmax(), beyond.shape)[1])
+    return beyond.max(axis=1).astype(np.float32), feature_names(joints)[worst]

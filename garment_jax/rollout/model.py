@@ -1,0 +1,120 @@
+"""A trained model on disk: `config.toml`, `model.json` and `parameters.npz` (16 or 32 bits)."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.body.seeds import Seeds, make_seeds
+from garment_jax.config import Config, from_dict, load_config, to_toml
+from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.template import Statistics, Template, make_template
+from garment_jax.structs import Scene
+
+
+class Model(NamedTuple):
+    """Trained parameters and what describes them; the garment itself comes with the clip."""
+
+    config: Config
+    params: dict  # "generative", "motion" and perhaps "detail"
+    statistics: Statistics
+    garment_hash: str
+    vertices: int
+    fps: float
+
+
+def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:
+    """Return the static tables of `scene` for `model`.
+
+    Raises `ValueError` when the scene's garment is not the one that the model was trained on.
+    """
+    n = len(scene.garment.template)
+    if n != model.vertices:
+        raise ValueError(
+            f"{name} has a garment of {n} vertices and the model was trained on {model.vertices}; "
+            "use clips of the same garment, or train a model for this one."
+        )
+    if garment_hash(scene.garment) != model.garment_hash:
+        raise ValueError(
+            f"{name} has another template, faces or UVs than the garment that the model was trained on "
+            f"(hash {garment_hash(scene.garment)}, not {model.garment_hash}); use clips of the same garment."
+        )
+    template = make_template(
+        scene.garment,
+        scene.body,
+        model.statistics,
+        uv_size=model.config.uv.size,
+        laplacian=model.config.generative.laplacian,
+    )
+    return template, make_seeds(scene, model.config.body.seeds)
+
+
+def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
+    """Write `model` into `folder`, each file under a temporary name first; return the folder."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    kind = np.float16 if bits == 16 else np.float32
+    arrays = {name: np.asarray(x).astype(kind) for name, x in _flatten(model.params).items()}
+    arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
+    partial = folder / "parameters.partial.npz"
+    np.savez_compressed(partial, **arrays)
+    os.replace(partial, folder / "parameters.npz")
+    facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
+    for name, text in (("config.toml", to_toml(model.config)), ("model.json", json.dumps(facts, indent=1))):
+        temporary = folder / f"{name}.partial"
+        temporary.write_text(text + "\n", encoding="utf-8")
+        os.replace(temporary, folder / name)
+    return folder
+
+
+def load_model(folder: str | Path) -> Model:
+    """Read a model that `save_model` wrote, parameters as float32.
+
+    Raises `FileNotFoundError` or `ValueError` in one sentence for a folder that holds none or a part.
+    """
+    folder = Path(folder)
+    for name in ("config.toml", "model.json", "parameters.npz"):
+        if not (folder / name).is_file():
+            raise FileNotFoundError(
+                f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
+            )
+    config = load_config(folder / "config.toml")
+    facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    try:
+        with np.load(folder / "parameters.npz") as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise ValueError(f"{folder / 'parameters.npz'} is damaged ({error}); copy it again.") from error
+    statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
+    params = _unflatten({name: jnp.asarray(x, jnp.float32) for name, x in arrays.items()})
+    return Model(config, params, statistics, facts["garment_hash"], facts["vertices"], facts["fps"])
+
+
+def from_metadata(metadata: dict[str, Any], params: dict) -> Model:
+    """Return the model that a checkpoint's metadata describe."""
+    statistics = Statistics(*(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields))
+    config = from_dict(metadata["config"], source="the checkpoint")
+    return Model(
+        config, params, statistics, metadata["garment_hash"], metadata["vertices"], metadata["fps"]
+    )
+
+
+def _flatten(tree: dict, prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= _flatten(value, f"{prefix}{key}/") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
+
+
+def _unflatten(flat: dict[str, Any]) -> dict:
+    tree: dict = {}
+    for name, value in flat.items():
+        *folders, leaf = name.split("/")
+        node = tree
+        for folder in folders:
+            node = node.setdefault(folder, {})
+        node[leaf] = value
+    return tree

@@ -1,0 +1,52 @@
+"""What joins a root-frame rollout to the posed body: pins and the collider, chunk by chunk (host)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.body.kinematics import joint_positions, pose_points
+from garment_jax.body.root_frame import to_root
+from garment_jax.data.motion_input import MotionInput
+from garment_jax.structs import Motion, Scene
+
+
+class Carried(NamedTuple):
+    """Points that the body carries through a scene (static)."""
+
+    pins: np.ndarray  # [p] int32 garment vertices, may be empty
+    points: np.ndarray  # [p + q, 3] canonical points: pins first, then the collider's body vertices
+    weights: np.ndarray  # [p + q, j] skinning weights
+    cap: np.ndarray  # [k] rows of `points` whose mean closes the collider, may be empty
+    collider: np.ndarray  # [c] rows of `points` that are the collider's vertices, may be empty
+
+
+def carried_points(scene: Scene, *, collider: bool) -> Carried:
+    """Return the pins and, if wanted and there is one, the collider's vertices of `scene`."""
+    body, garment = scene.body, scene.garment
+    pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
+    weights = np.zeros((0, len(body.joints)), np.float32) if scene.pins is None else scene.pins.weights
+    points, p = garment.template[pins], len(pins)
+    if not collider or scene.collider is None:
+        none = np.zeros(0, np.int64)
+        return Carried(pins, points, weights, none, none)
+    c = scene.collider
+    used = np.concatenate([c.body_vertices, c.cap_loop])
+    points = np.concatenate([points, body.vertices[used]])
+    weights = np.concatenate([weights, body.skin_weights[used]])
+    rows = p + np.arange(len(used))
+    split = len(c.body_vertices)
+    return Carried(pins, points, weights, rows[split:], rows[:split])
+
+
+def pose_carried(
+    carried: Carried, scene: Scene, motion: Motion, inputs: MotionInput, frames: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pins `[k, p, 3]` and the collider `[k, c, 3]` at `frames`, metres, root frames."""
+    rotations = motion.rotations[frames]
+    positions = joint_positions(rotations, motion.root[frames], scene.body)
+    posed = pose_points(carried.points, carried.weights, rotations, positions, scene.body.joints)
+    posed = to_root(posed, inputs.root[frames], inputs.yaw[frames]).astype(np.float32)
+    collider = posed[:, carried.collider]
+    if len(carried.cap):
+        collider = np.concatenate([collider, posed[:, carried.cap].mean(axis=1, keepdims=True)], axis=1)
+    return posed[:, : len(carried.pins)], collider

@@ -1,0 +1,98 @@
+"""Stage 3: the detail enhancement module against its discriminator (paper 3.4)."""
+
+import os
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.data.prepared import frames_of
+from garment_jax.detail.train_step import DetailBatch, init_players, make_detail_train_step, side_by_side
+from garment_jax.generative.network import decode
+from garment_jax.rollout.clips import stack_motions
+from garment_jax.rollout.scan import latent_rollout
+from garment_jax.rollout.step import init_state
+from garment_jax.structs import FrameInput, TrainState
+from garment_jax.training.codes import true_codes
+from garment_jax.training.optimiser import make_optimiser
+from garment_jax.training.run import Run, optimise, say
+
+CHUNK = 50  # frames of a rollout at a time
+AT_ONCE = 8  # clips rolled out side by side
+
+
+def train_detail(run: Run, generative: dict, motion: dict) -> dict:
+    """Return the trained generator's parameters; goes on from the newest checkpoint."""
+    config, training = run.config.detail, run.config.training
+    Z = _codes(run, generative, motion)
+    rebuild = jax.jit(lambda Z: decode(generative, Z, template=run.template, config=run.config.generative).V)
+
+    def batch_at(step: int) -> DetailBatch:
+        rng = np.random.default_rng([training.seed + 30, step])
+        lengths = np.array([len(z) for z in Z])
+        clips = rng.choice(len(Z), config.batch, p=lengths / lengths.sum())
+        frames = [int(rng.integers(lengths[c])) for c in clips]
+        codes = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
+        truth = [frames_of(run.data.train[c], np.array([f]), run.data)[0][0] for c, f in zip(clips, frames, strict=True)]
+        return DetailBatch(rebuild(codes), jnp.asarray(codes), np.stack(truth))
+
+    def begin(optimiser) -> TrainState:
+        params = init_players(
+            jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
+        )
+        return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 6), jnp.int32(0))
+
+    player = make_optimiser(
+        training, learning_rate=config.learning_rate, weight_decay=config.weight_decay, steps=config.steps
+    )
+    state = optimise(
+        run,
+        "detail",
+        begin,
+        lambda optimiser: make_detail_train_step(run.template, config, optimiser),
+        batch_at,
+        optimiser=side_by_side({"G": player, "D": player}),
+        steps=config.steps,
+        validate=None,
+        frames_per_step=config.batch,
+    )
+    return state.params["G"]
+
+
+def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
+    """Return the codes `[t, latent]` of the frames to enhance, by clip: of the truth, or of free rollouts."""
+    if run.config.detail.source == "reconstruction":
+        return true_codes(run, generative)
+    path = run.folder / "cache" / "rollout_codes.npz"
+    if path.exists():
+        with np.load(path) as stored:
+            return [stored[str(i)] for i in range(len(run.data.train))]
+    say("detail: rolling out the training clips")
+    codes = _rollout_codes(run, {"generative": generative, "motion": motion})
+    partial = path.with_suffix(".partial.npz")
+    np.savez(partial, **{str(i): z for i, z in enumerate(codes)})
+    os.replace(partial, path)
+    return codes
+
+
+def _rollout_codes(run: Run, params: dict) -> list[np.ndarray]:
+    @jax.jit
+    def roll(params: dict, state, x: FrameInput):
+        state, Z, _ = latent_rollout(params, state, x, template=run.template, config=run.config)
+        return state, Z
+
+    codes = []
+    for first in range(0, len(run.data.train), AT_ONCE):
+        clips = run.data.train[first : first + AT_ONCE]
+        clips = clips + clips[-1:] * (AT_ONCE - len(clips))  # one compiled width
+        x, _ = stack_motions([clip.input.x for clip in clips], CHUNK)
+        start = run.skinned(
+            np.stack([clip.input.R_seed[0] for clip in clips]), np.stack([clip.input.t_seed[0] for clip in clips])
+        )
+        state, parts = init_state(params, start, config=run.config), []
+        for k in range(0, len(x.M), CHUNK):
+            state, Z = roll(params, state, FrameInput(*(leaf[k : k + CHUNK] for leaf in x)))
+            parts.append(np.asarray(Z))
+        whole = np.concatenate(parts)
+        codes += [whole[: len(clip.V), b] for b, clip in enumerate(clips)]
+    return codes[: len(run.data.train)]

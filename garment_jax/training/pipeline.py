@@ -1,0 +1,71 @@
+"""The three stages in order, and the model that a run has reached: the work of `train.py`."""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from garment_jax.config import Config
+from garment_jax.rollout.model import Model, from_metadata, load_model
+from garment_jax.training.checkpoint import FOLDER, Checkpointer
+from garment_jax.training.detail_stage import train_detail
+from garment_jax.training.generative_stage import train_generative
+from garment_jax.training.motion_stage import train_motion
+from garment_jax.training.run import STAGES, open_run
+
+
+def train(
+    config: Config,
+    run_dir: str | Path,
+    *,
+    data_dir: str | Path,
+    stage: str = "all",
+    tensorboard: bool = False,
+) -> Path:
+    """Train `stage` ("all" or one of `STAGES`) in `run_dir` and return it; goes on where it stopped.
+
+    Raises `ValueError` for an unknown stage or one whose predecessor is not trained.
+    """
+    if stage not in ("all", *STAGES):
+        raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
+    last = STAGES.index("detail" if stage == "all" else stage)
+    if stage != "all":
+        _check_predecessors(config, Path(run_dir), STAGES[:last])
+    run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard)
+    with run.log:
+        generative = train_generative(run)
+        if last >= 1:
+            motion = train_motion(run, generative)
+            if last >= 2 and config.detail.steps:
+                train_detail(run, generative, motion)
+    return run.folder
+
+
+def _check_predecessors(config: Config, run_dir: Path, stages: tuple[str, ...]) -> None:
+    for name in stages:
+        wanted = getattr(config, name).steps
+        if not (run_dir / FOLDER / name / str(wanted)).is_dir():
+            raise ValueError(f"{run_dir} holds no finished {name} stage; train it first with --stage {name}.")
+
+
+def trained_model(path: str | Path) -> Model:
+    """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder."""
+    path = Path(path)
+    if not (path / FOLDER).is_dir():
+        return load_model(path)
+    found: dict[str, Any] = {}
+    metadata: dict[str, Any] = {}
+    for stage in ("generative", "motion", "detail"):
+        saved = Checkpointer(path, stage) if (path / FOLDER / stage).is_dir() else None
+        if saved is not None and saved.latest() is not None:
+            found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
+    if "motion" not in found and (path / FOLDER / "warm_up").is_dir():
+        saved = Checkpointer(path, "warm_up")
+        if saved.latest() is not None:
+            found["motion"] = saved.tree("params")
+    for stage in ("generative", "motion"):
+        if stage not in found:
+            raise ValueError(f"{path} has not trained its {stage} stage yet; run train.py --stage {stage} first.")
+    if "detail" in found:
+        found["detail"] = found["detail"]["G"]
+    return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found))
