@@ -19,6 +19,11 @@ def leaky(x: jax.Array) -> jax.Array:
     return nn.leaky_relu(x, SLOPE)
 
 
+def along_channels(parameter: jax.Array, x: jax.Array) -> jax.Array:
+    """Return `parameter` `[c]` with as many axes as `x` `[..., c]`."""
+    return parameter.reshape((1,) * (x.ndim - 1) + parameter.shape)
+
+
 class InstanceNorm(nn.Module):
     """Normalise each channel of each map `[*b, h, w, c]` over its texels; affine; eps as PyTorch's, 1e-5."""
 
@@ -28,7 +33,8 @@ class InstanceNorm(nn.Module):
         variance = jnp.square(x - mean).mean(axis=(-3, -2), keepdims=True)
         scale = self.param("scale", nn.initializers.ones, (x.shape[-1],))
         bias = self.param("bias", nn.initializers.zeros, (x.shape[-1],))
-        return (x - mean) * jax.lax.rsqrt(variance + 1e-5) * scale + bias
+        normal = (x - mean) * jax.lax.rsqrt(variance + 1e-5)
+        return normal * along_channels(scale, x) + along_channels(bias, x)
 
 
 class DownConvolution(nn.Module):
@@ -40,7 +46,7 @@ class DownConvolution(nn.Module):
     def __call__(self, x: jax.Array) -> jax.Array:
         kernel = self.param("kernel", nn.initializers.lecun_normal(), (4, 4, x.shape[-1], self.width))
         bias = self.param("bias", nn.initializers.zeros, (self.width,))
-        return down_convolution(x, kernel) + bias
+        return down_convolution(x, kernel) + along_channels(bias, x)
 
 
 class UpConvolution(nn.Module):
@@ -53,7 +59,7 @@ class UpConvolution(nn.Module):
     def __call__(self, x: jax.Array) -> jax.Array:
         kernel = self.param("kernel", self.start, (2, 2, x.shape[-1], 4 * self.width))
         bias = self.param("bias", nn.initializers.zeros, (self.width,))
-        return up_convolution(x, kernel) + bias
+        return up_convolution(x, kernel) + along_channels(bias, x)
 
 
 class MapEncoder(nn.Module):
@@ -94,7 +100,7 @@ class MapEncoder(nn.Module):
 
 
 class PooledSkip(nn.Module):
-    """The encoder's path beside the convolutions: pooled map `[*b, 3 p]` -> `[*b, features]`, no bias at the end."""
+    """The encoder's path beside the convolutions: pooled map `[*b, 3 p]` -> `[*b, features]`."""
 
     features: int
     hidden: int

@@ -44,11 +44,12 @@ def generative_terms(
 ) -> dict[str, jax.Array]:
     """Return the weighted terms of L = L_geo + L_rec + L_reg for each frame; their sum is the loss."""
     E = decoded.V - V_star
+    offset = decoded.T_tilde - jnp.broadcast_to(template.T, decoded.T_tilde.shape)
     return {
         "vertex": size_of(E, config.norm),
         # the operator is linear: one Laplacian of the difference instead of two
         "laplacian": config.lambda_laplacian * size_of(laplacian(E, template.laplacian), config.norm),
         "unposed": config.lambda_unposed * size_of(decoded.T_tilde - T_tilde_star, config.norm),
-        "template": config.lambda_template * size_of(decoded.T_tilde - template.T, config.norm),
+        "template": config.lambda_template * size_of(offset, config.norm),
         "kl": config.lambda_kl * kl_per_dimension(code).sum(axis=-1),
     }

@@ -98,8 +98,8 @@ def init_generative(key: jax.Array, template: Template, *, config: GenerativeCon
 
 def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, "*b h w 3"]:
     """Return S_v: the UV map of `V` (metres, root frame), normalised by the training set's statistics."""
-    normalised = (V - template.statistics.map_mean) / template.statistics.map_std
-    return to_map(normalised, template.atlas)
+    mean, std = (jnp.broadcast_to(x, V.shape) for x in template.statistics[:2])
+    return to_map((V - mean) / std, template.atlas)
 
 
 def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, config: GenerativeConfig) -> Code:

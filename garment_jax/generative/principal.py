@@ -9,6 +9,7 @@ zero, learn what a linear model leaves. A departure from the paper; `generative.
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigh
 
@@ -86,7 +87,7 @@ def begin_linear(
     _begin_rec(new["D_rec"], model, P_s, template)
     _begin_dyn(new["D_dyn"], model, P_d, template)
     _begin_encoder(new["E_gen"], V, model, template, config)
-    return jax.tree.map(lambda a, b: jax.numpy.asarray(a, b.dtype), new, params)
+    return jax.tree.map(lambda a, b: jnp.asarray(a, b.dtype), new, params)
 
 
 def _begin_rec(rec: dict, model: LinearModel, P_s: np.ndarray, template: Template) -> None:
@@ -106,11 +107,10 @@ def _begin_rec(rec: dict, model: LinearModel, P_s: np.ndarray, template: Templat
 
 
 def _begin_dyn(dyn: dict, model: LinearModel, P_d: np.ndarray, template: Template) -> None:
-    def as_map(flat: np.ndarray) -> np.ndarray:
-        return np.asarray(to_map(100 * flat.reshape(-1, 3).astype(np.float32), template.atlas)).reshape(-1)
-
-    dyn["skip"]["kernel"] = np.stack([as_map(column) for column in P_d.T])
-    dyn["skip"]["bias"] = as_map(model.mean_V - model.mean_T_tilde)
+    fields = np.concatenate([P_d.T, (model.mean_V - model.mean_T_tilde)[None]])
+    fields = 100 * fields.reshape(len(fields), -1, 3)
+    maps = np.asarray(to_map(jnp.asarray(fields, jnp.float32), template.atlas)).reshape(len(fields), -1)
+    dyn["skip"]["kernel"], dyn["skip"]["bias"] = maps[:-1], maps[-1]
 
 
 def _begin_encoder(

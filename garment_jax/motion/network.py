@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from garment_jax.config import GenerativeConfig, MotionConfig
 from garment_jax.data.template import Template
-from garment_jax.generative.blocks import MapEncoder, leaky
+from garment_jax.generative.blocks import MapEncoder, along_channels, leaky
 from garment_jax.generative.network import POOLED, position_map
 from garment_jax.structs import FrameInput
 
@@ -59,7 +59,7 @@ def init_motion(
 
 
 def _dense(params: dict, x: jax.Array) -> jax.Array:
-    return x @ params["kernel"] + params["bias"]
+    return x @ params["kernel"] + along_channels(params["bias"], x)
 
 
 def normalise_motion(M: Float[Array, "*t d"], template: Template) -> Float[Array, "*t d"]:
@@ -68,8 +68,9 @@ def normalise_motion(M: Float[Array, "*t d"], template: Template) -> Float[Array
     A feature that was constant in training stays within 10 deviations: it carries no knowledge, and a
     floor's 1e-3 would blow it up.
     """
-    statistics = template.statistics
-    return jnp.clip((M - statistics.motion_mean) / statistics.motion_std, -10.0, 10.0)
+    mean = jnp.broadcast_to(template.statistics.motion_mean, M.shape)
+    std = jnp.broadcast_to(template.statistics.motion_std, M.shape)
+    return jnp.clip((M - mean) / std, -10.0, 10.0)
 
 
 def motion_gates(params: dict, M: Float[Array, "*t d"], *, template: Template) -> Float[Array, "*t g"]:

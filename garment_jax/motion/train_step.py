@@ -54,7 +54,7 @@ def noisy_gates(
     if config.dropout:
         # whole features of a lane's window: a model that needs none of them alone generalises
         kept = jax.random.bernoulli(drop_key, 1 - config.dropout, x.shape[1:])
-        x = x * kept
+        x = x * kept[None]
     return gates_of(params, x)
 
 

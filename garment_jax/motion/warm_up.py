@@ -17,7 +17,7 @@ import optax
 
 from garment_jax.config import MotionConfig
 from garment_jax.data.template import Template
-from garment_jax.generative.blocks import PooledSkip, pool
+from garment_jax.generative.blocks import PooledSkip, along_channels, pool
 from garment_jax.generative.network import POOLED
 from garment_jax.geometry.laplacian import laplacian
 from garment_jax.geometry.uv_maps import to_map
@@ -81,15 +81,18 @@ def empty_warm_up_carry(lanes: int, linear: LinearGarment, config: MotionConfig)
     return WarmUpCarry(jnp.zeros((lanes, config.gru)), jnp.zeros((lanes, *linear.pooled_mean.shape)))
 
 
-def _code(params: dict, h: jax.Array, pooled: jax.Array, template: Template, config: MotionConfig) -> jax.Array:
+def _code(
+    params: dict, h: jax.Array, pooled: jax.Array, template: Template, config: MotionConfig
+) -> jax.Array:
     """Return Z from the GRU state and the pooled map: `motion_code` without E_s' convolutions."""
-    if not config.previous_state:
-        return h @ params["fc"]["kernel"] + params["fc"]["bias"]
-    statistics = template.statistics
-    normal = ((pooled - statistics.map_mean) / statistics.map_std).reshape(*pooled.shape[:-2], -1)
-    skip = PooledSkip(config.state_dim, config.state_hidden)
-    e = skip.apply({"params": params["E_s"]["skip"]}, normal) + params["E_s"]["Dense_0"]["bias"]
-    return jnp.concatenate([h, jnp.asarray(e)], axis=-1) @ params["fc"]["kernel"] + params["fc"]["bias"]
+    joined = h
+    if config.previous_state:
+        mean, std = (jnp.broadcast_to(x, pooled.shape) for x in template.statistics[:2])
+        normal = ((pooled - mean) / std).reshape(*pooled.shape[:-2], -1)
+        skip = PooledSkip(config.state_dim, config.state_hidden)
+        e = jnp.asarray(skip.apply({"params": params["E_s"]["skip"]}, normal))
+        joined = jnp.concatenate([h, e + along_channels(params["E_s"]["Dense_0"]["bias"], e)], axis=-1)
+    return joined @ params["fc"]["kernel"] + along_channels(params["fc"]["bias"], joined)
 
 
 def warm_up_loss(
@@ -120,7 +123,7 @@ def warm_up_loss(
             pooled = pooled + config.state_noise * jax.random.normal(key, (len(pooled), 1, 3))
         h = gru_step(params, carry.h, gates)
         Z = _code(params, h, pooled, template, config)
-        pooled = linear.pooled_mean + (Z @ modes).reshape(pooled.shape)
+        pooled = jnp.broadcast_to(linear.pooled_mean, pooled.shape) + (Z @ modes).reshape(pooled.shape)
         return WarmUpCarry(h, pooled), Z
 
     keys = jax.random.split(state_key, len(gates))
