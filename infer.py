@@ -12,7 +12,9 @@ def main() -> int:
     parser.add_argument("--out", required=True, help="sequence file to write")
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
-    parser.add_argument("--preroll", type=int, default=0, help="frames from the canonical pose before the first")
+    parser.add_argument(
+        "--preroll", type=int, default=0, help="frames from the canonical pose before the first"
+    )
     options = parser.parse_args()
     try:
         from garment_jax.rollout.animate import animate_file
@@ -33,7 +35,8 @@ def main() -> int:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
     rate = figures["frames"] / figures["seconds"]
-    print(f"{options.out}: {figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)")
+    took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
+    print(f"{options.out}: {took}")
     return 0
 
 

@@ -36,7 +36,9 @@ def spread_frames(data: DataSet, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([v for v, _ in parts]), np.concatenate([t for _, t in parts])
 
 
-def lane_schedule(data: DataSet, config: MotionConfig, *, lanes: int, steps: int, seed: int) -> list[LaneWindow]:
+def lane_schedule(
+    data: DataSet, config: MotionConfig, *, lanes: int, steps: int, seed: int
+) -> list[LaneWindow]:
     """Return which frames every lane sees in each of `steps` windows."""
     return make_schedule(
         [len(clip.V) for clip in data.train],
@@ -68,14 +70,10 @@ def lane_codes(Z: list[np.ndarray], lanes: LaneWindow, window: int) -> np.ndarra
 def lane_vertices(data: DataSet, lanes: LaneWindow, window: int) -> np.ndarray:
     """Return the true garment of every lane's window, `[W, L, n, 3]` metres, root frame."""
     picks = zip(lanes.clip, lanes.start, strict=True)
-    return np.stack(
-        [frames_of(data.train[c], np.arange(s, s + window), data)[0] for c, s in picks], axis=1
-    )
+    return np.stack([frames_of(data.train[c], np.arange(s, s + window), data)[0] for c, s in picks], axis=1)
 
 
-def lane_starts(
-    data: DataSet, lanes: LaneWindow, skinned: Callable[..., jax.Array], n: int
-) -> np.ndarray:
+def lane_starts(data: DataSet, lanes: LaneWindow, skinned: Callable[..., jax.Array], n: int) -> np.ndarray:
     """Return V_prev of the lanes that begin, `[L, n, 3]` metres: frame start - 1, true or skinned.
 
     At a clip's first frame, which has no predecessor, it is that frame itself. Lanes that go on get 0.

@@ -41,8 +41,16 @@ def make_schedule(
         )
     weights = np.array([length if length >= window else 0 for length in lengths], float)
     columns = [
-        _lane(np.random.default_rng([seed, lane]), lengths, weights / weights.sum(), window, steps, from_first,
-              true_starts, lane_windows)
+        _lane(
+            np.random.default_rng([seed, lane]),
+            lengths,
+            weights / weights.sum(),
+            window,
+            steps,
+            from_first,
+            true_starts,
+            lane_windows,
+        )
         for lane in range(lanes)
     ]
     stacked = np.array(columns).transpose(1, 2, 0)  # [steps, field, lanes]

@@ -82,7 +82,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
             check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
             if sequence.fps != fps:
                 raise ValueError(
-                    f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one of them."
+                    f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one."
                 )
             key = _cache_key(path, sequence, config)
             digest.update(key.encode())

@@ -115,9 +115,7 @@ def _resolver(model: Model, scene: Scene, template: Template) -> Callable:
     surface = make_collider_tables(scene.collider, scene.body)
     tables = make_collision_tables(template.T, template.laplacian, surface)
     settings = model.config.collision
-    options = CollisionOptions(
-        eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance
-    )
+    options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
     pins = None if scene.pins is None else scene.pins.vertices
 
     @jax.jit
@@ -173,9 +171,7 @@ def animate_file(
     began = time.perf_counter()
     frames, deepest = 0, 0.0
     attributes = {"kind": "predicted", "name": name}
-    pieces = animate(
-        model, scene, motion, detail=detail, collision=collision, preroll=preroll, name=name
-    )
+    pieces = animate(model, scene, motion, detail=detail, collision=collision, preroll=preroll, name=name)
     with SequenceWriter(out, scene, motion, attributes=attributes) as writer:
         for piece in pieces:
             writer.append(piece.V)

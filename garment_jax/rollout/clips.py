@@ -22,7 +22,10 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
         more = total - len(motion.M)
         still = FrameInput(motion.M[-1], np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
         return FrameInput(
-            *(np.concatenate([a, np.repeat(b[None], more, axis=0)]) for a, b in zip(motion, still, strict=True))
+            *(
+                np.concatenate([a, np.repeat(b[None], more, axis=0)])
+                for a, b in zip(motion, still, strict=True)
+            )
         )
 
     filled = [padded(motion) for motion in motions]

@@ -97,9 +97,7 @@ def from_metadata(metadata: dict[str, Any], params: dict) -> Model:
     """Return the model that a checkpoint's metadata describe."""
     statistics = Statistics(*(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields))
     config = from_dict(metadata["config"], source="the checkpoint")
-    return Model(
-        config, params, statistics, metadata["garment_hash"], metadata["vertices"], metadata["fps"]
-    )
+    return Model(config, params, statistics, metadata["garment_hash"], metadata["vertices"], metadata["fps"])
 
 
 def _flatten(tree: dict, prefix: str = "") -> dict[str, Any]:

@@ -35,14 +35,11 @@ class Checkpointer:
         self, run_dir: str | Path, stage: str, *, metadata: Mapping[str, Any] | None = None, keep: int = 2
     ) -> None:
         self.folder = Path(run_dir) / FOLDER / stage
-        self.folder.mkdir(parents=True, exist_ok=True)
         self._metadata, self._keep = dict(metadata or {}), keep
-        for leftover in self.folder.glob(f"*{_PARTIAL}"):  # from a process killed while it saved
-            shutil.rmtree(leftover, ignore_errors=True)
 
     def steps(self) -> list[int]:
-        """The steps of the complete checkpoints, ascending."""
-        return sorted(int(path.name) for path in self.folder.iterdir() if path.name.isdecimal())
+        """The steps of the complete checkpoints, ascending; none without a folder."""
+        return sorted(int(path.name) for path in self.folder.glob("*") if path.name.isdecimal())
 
     def latest(self) -> int | None:
         """The newest complete checkpoint's step, or None."""
@@ -63,7 +60,7 @@ class Checkpointer:
         partial = self.folder / f"{step}{_PARTIAL}"
         description = self._describe(step, leaves) | {"extra": dict(extra or {})}
         with _one_sentence(target), _quiet():
-            shutil.rmtree(partial, ignore_errors=True)
+            self._make_room()
             try:
                 _write(partial, leaves, description)
                 os.replace(partial, target)
@@ -126,6 +123,15 @@ class Checkpointer:
             "versions": {name: _version(name) for name in packages},
             "leaves": [{key: leaf[key] for key in ("path", "kind", "dtype", "shape")} for leaf in leaves],
         }
+
+    def _make_room(self) -> None:
+        """Make the folder and remove what a process that was killed while it saved left there.
+
+        Only here: a reader must not touch what a training that still runs is writing.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for leftover in self.folder.glob(f"*{_PARTIAL}"):
+            shutil.rmtree(leftover, ignore_errors=True)
 
     def _forget_old(self) -> None:
         for step in self.steps()[: -self._keep]:

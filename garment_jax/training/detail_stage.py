@@ -33,7 +33,10 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
         clips = rng.choice(len(Z), config.batch, p=lengths / lengths.sum())
         frames = [int(rng.integers(lengths[c])) for c in clips]
         codes = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
-        truth = [frames_of(run.data.train[c], np.array([f]), run.data)[0][0] for c, f in zip(clips, frames, strict=True)]
+        truth = [
+            frames_of(run.data.train[c], np.array([f]), run.data)[0][0]
+            for c, f in zip(clips, frames, strict=True)
+        ]
         return DetailBatch(rebuild(codes), jnp.asarray(codes), np.stack(truth))
 
     def begin(optimiser) -> TrainState:
@@ -87,7 +90,8 @@ def _rollout_codes(run: Run, params: dict) -> list[np.ndarray]:
         clips = clips + clips[-1:] * (AT_ONCE - len(clips))  # one compiled width
         x, _ = stack_motions([clip.input.x for clip in clips], CHUNK)
         start = run.skinned(
-            np.stack([clip.input.R_seed[0] for clip in clips]), np.stack([clip.input.t_seed[0] for clip in clips])
+            np.stack([clip.input.R_seed[0] for clip in clips]),
+            np.stack([clip.input.t_seed[0] for clip in clips]),
         )
         state, parts = init_state(params, start, config=run.config), []
         for k in range(0, len(x.M), CHUNK):

@@ -50,9 +50,7 @@ def train_generative(run: Run) -> dict:
 def begin_generative(run: Run) -> dict:
     """Return the parameters that stage 1 begins from."""
     config = run.config.generative
-    params = init_generative(
-        jax.random.key(run.config.training.seed), run.template, config=config
-    )
+    params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
     if not config.linear_skip:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)

@@ -65,7 +65,9 @@ def trained_model(path: str | Path) -> Model:
             found["motion"] = saved.tree("params")
     for stage in ("generative", "motion"):
         if stage not in found:
-            raise ValueError(f"{path} has not trained its {stage} stage yet; run train.py --stage {stage} first.")
+            raise ValueError(
+                f"{path} has not trained its {stage} stage yet; run train.py --stage {stage} first."
+            )
     if "detail" in found:
         found["detail"] = found["detail"]["G"]
     return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found))

@@ -82,8 +82,16 @@ def test_a_save_that_was_killed_is_not_seen_and_removed(tmp_path: Path) -> None:
     shutil.copytree(saver.folder / "1", saver.folder / "2.partial")
     (saver.folder / "2.partial" / "metadata.json").unlink()
     assert saver.latest() == 1
-    assert Checkpointer(tmp_path, "stage").steps() == [1]
-    assert [path.name for path in saver.folder.iterdir()] == ["1"]
+    reader = Checkpointer(tmp_path, "stage")
+    assert reader.steps() == [1]
+    assert (saver.folder / "2.partial").is_dir()  # a training may be writing it at this moment
+    reader.save(3, {"x": jnp.zeros(2)})
+    assert sorted(path.name for path in saver.folder.iterdir()) == ["1", "3"]
+
+
+def test_looking_for_checkpoints_makes_no_folder(tmp_path: Path) -> None:
+    assert Checkpointer(tmp_path, "stage").latest() is None
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_checkpoint_appears_by_one_rename_only(tmp_path: Path, monkeypatch: Any) -> None:
