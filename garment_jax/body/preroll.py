@@ -19,7 +19,8 @@ def preroll_motion(motion: Motion, frames: int) -> Motion:
         raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
     first = motion.rotations[0].astype(np.float64)
     start = np.repeat(yaw_matrix(heading(first[0]))[None], len(first), axis=0)
-    u = np.clip((np.arange(frames) / max(frames, 1) - SETTLE) / BLEND, 0.0, 1.0)
+    # however short the preroll is, its last frame is the first pose
+    u = np.clip((np.arange(frames) / max(frames - 1, 1) - SETTLE) / BLEND, 0.0, 1.0)
     u = u * u * (3.0 - 2.0 * u)
     rotations = np.zeros((frames, len(first), 3, 3))
     for j in range(len(first)):

@@ -33,8 +33,11 @@ def make_schedule(
     """Return the windows of `steps` steps.
 
     A lane draws a clip (by length) and a start (a clip's first frame with probability `from_first`), runs
-    for at most `lane_windows` windows, and draws anew. Raises `ValueError` when no clip holds a window.
+    for at most `lane_windows` windows, and draws anew. Raises `ValueError` when no clip holds a window, or
+    when lanes are none or end before they begin.
     """
+    if lanes < 1 or lane_windows < 1:
+        raise ValueError(f"{lanes} lanes of {lane_windows} windows are no training; give at least 1 of each.")
     if not any(length >= window for length in lengths):
         raise ValueError(
             f"motion.window = {window} frames, but the longest training clip has {max(lengths)}; shorten it."

@@ -161,9 +161,12 @@ def animate_file(
 ) -> dict[str, float]:
     """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
 
+    Raises `ValueError` where `out` is `clip`, which it would replace, and what `animate` refuses.
     Progress goes to standard error. The file appears when it is whole. Per frame it also holds how far
     the motion leaves the training range (`extra/outside_training_range`, in ranges; 0 inside).
     """
+    if Path(out).resolve() == Path(clip).resolve():
+        raise ValueError(f"{out} holds the motion itself; write the animation to another file.")
     with open_sequence(clip) as sequence:
         check_input(sequence, joints=model.config.body.motion_joints)
         scene, motion, name = sequence.scene, sequence.motion, sequence.name

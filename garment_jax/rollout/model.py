@@ -2,6 +2,8 @@
 
 import json
 import os
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,21 +55,43 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
 
 
 def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
-    """Write `model` into `folder`, each file under a temporary name first; return the folder."""
+    """Write `model` into `folder`, each file under a temporary name first; return the folder.
+
+    Raises `ValueError` for a parameter that 16 bits cannot hold, `OSError` where the disk is full.
+    """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    kind = np.float16 if bits == 16 else np.float32
-    arrays = {name: np.asarray(x).astype(kind) for name, x in _flatten(model.params).items()}
+    arrays = {name: _stored(name, x, bits) for name, x in _flatten(model.params).items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
-    partial = folder / "parameters.partial.npz"
-    np.savez_compressed(partial, **arrays)
-    os.replace(partial, folder / "parameters.npz")
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
-    for name, text in (("config.toml", to_toml(model.config)), ("model.json", json.dumps(facts, indent=1))):
-        temporary = folder / f"{name}.partial"
-        temporary.write_text(text + "\n", encoding="utf-8")
-        os.replace(temporary, folder / name)
+    texts = {"config.toml": to_toml(model.config), "model.json": json.dumps(facts, indent=1)}
+    partial = folder / "parameters.partial.npz"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(partial, **arrays)
+        os.replace(partial, folder / "parameters.npz")
+        for name, text in texts.items():
+            temporary = folder / f"{name}.partial"
+            temporary.write_text(text + "\n", encoding="utf-8")
+            os.replace(temporary, folder / name)
+    except OSError as error:
+        for leftover in folder.glob("*.partial*"):
+            leftover.unlink(missing_ok=True)
+        raise OSError(
+            f"{folder} could not be written ({error.strerror}); free some space or choose another folder."
+        ) from error
     return folder
+
+
+def _stored(name: str, x: Any, bits: int) -> np.ndarray:
+    """Return a parameter in the type that it is stored in."""
+    with np.errstate(over="ignore"):
+        stored = np.asarray(x).astype(np.float16 if bits == 16 else np.float32)
+    if not np.isfinite(stored).all():
+        raise ValueError(
+            f"parameter {name} reaches {np.abs(np.asarray(x)).max():.3g}, which {bits} bits cannot hold; "
+            "save it with --bits 32 or train it again."
+        )
+    return stored
 
 
 def load_model(folder: str | Path) -> Model:
@@ -82,15 +106,16 @@ def load_model(folder: str | Path) -> Model:
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
             )
     config = load_config(folder / "config.toml")
-    facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
     try:
+        facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
         with np.load(folder / "parameters.npz") as stored:
             arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError) as error:
-        raise ValueError(f"{folder / 'parameters.npz'} is damaged ({error}); copy it again.") from error
-    statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
+        statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
+        described = facts["garment_hash"], facts["vertices"], facts["fps"]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
     params = _unflatten({name: jnp.asarray(x, jnp.float32) for name, x in arrays.items()})
-    return Model(config, params, statistics, facts["garment_hash"], facts["vertices"], facts["fps"])
+    return Model(config, params, statistics, *described)
 
 
 def from_metadata(metadata: dict[str, Any], params: dict) -> Model:

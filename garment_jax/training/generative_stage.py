@@ -74,7 +74,8 @@ def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
         errors = {}
         for clip in run.data.validation:
             frames = np.asarray(clip.V[::4])
-            frames = frames[: len(frames) // 16 * 16].reshape(-1, 16, *frames.shape[1:])
+            size = min(16, len(frames))  # a short clip is one smaller batch
+            frames = frames[: len(frames) // size * size].reshape(-1, size, *frames.shape[1:])
             square = np.mean([error(state.params, batch) for batch in frames])
             errors[f"{clip.name}_rmse_cm"] = float(np.sqrt(square))
         return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}

@@ -56,13 +56,12 @@ def trained_model(path: str | Path) -> Model:
     found: dict[str, Any] = {}
     metadata: dict[str, Any] = {}
     for stage in ("generative", "motion", "detail"):
-        saved = Checkpointer(path, stage) if (path / FOLDER / stage).is_dir() else None
-        if saved is not None and saved.latest() is not None:
-            found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
-    if "motion" not in found and (path / FOLDER / "warm_up").is_dir():
-        saved = Checkpointer(path, "warm_up")
+        saved = Checkpointer(path, stage)
         if saved.latest() is not None:
-            found["motion"] = saved.tree("params")
+            found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
+    early = Checkpointer(path, "warm_up")
+    if "motion" not in found and early.latest() is not None:
+        found["motion"] = early.tree("params")
     for stage in ("generative", "motion"):
         if stage not in found:
             raise ValueError(
