@@ -121,7 +121,7 @@ def make_motion_train_step(
         )
         updates, opt_state = optimiser.update(gradient, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
-        metrics["gradient_norm"] = optax.global_norm(gradient)
+        metrics["gradient_norm"] = optax.tree.norm(gradient)
         return TrainState(params, opt_state, key, state.step + 1, carry), metrics
 
     compiled = jax.jit(step, donate_argnums=0)

@@ -154,7 +154,7 @@ def make_warm_up_step(
         )
         updates, opt_state = optimiser.update(gradient, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
-        metrics["gradient_norm"] = optax.global_norm(gradient)
+        metrics["gradient_norm"] = optax.tree.norm(gradient)
         return TrainState(params, opt_state, key, state.step + 1, carry), metrics
 
     return jax.jit(step, donate_argnums=0)
