@@ -19,6 +19,10 @@ class MotionInput(NamedTuple):
     root: np.ndarray  # [t, 3] float64 world position of the root joint, metres
     yaw: np.ndarray  # [t] float64 heading, radians
 
+    def frame(self, t: int) -> FrameInput:
+        """Return the network's input of frame `t`, without a frame axis."""
+        return FrameInput(*(leaf[t] for leaf in self.x))
+
 
 def motion_input(motion: Motion, scene: Scene, seeds: Seeds, joints: tuple[str, ...]) -> MotionInput:
     """Return the inputs of `motion` for the garment and body of `scene`.

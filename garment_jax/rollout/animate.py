@@ -22,11 +22,10 @@ from garment_jax.collision import (
 )
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
-from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.clips import rollout_chunks, stack_motions
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.rollout.model import Model, skinned_template, template_for
 from garment_jax.rollout.placement import carried_points, pose_carried
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
@@ -65,8 +64,7 @@ def animate(
     template, seeds = template_for(model, scene, name)
     whole = with_preroll(motion, preroll)
     inputs = motion_input(whole, scene, seeds, model.config.body.motion_joints)
-    skinned = make_skinned_template(template.T, seeds, model.config.body.tau)
-    V_start = skinned(inputs.R_seed[:1], inputs.t_seed[:1])[0]
+    V_start = skinned_template(model, template, seeds, inputs)
     chunk = model.config.rollout.chunk
     finish = _finisher(model, scene, whole, inputs, template, collision=collision)
     x, _ = stack_motions([inputs.x], chunk)
@@ -92,7 +90,7 @@ def _finisher(
 ) -> Callable[[jax.Array, slice], Chunk]:
     """Return a function (V of a padded chunk, its real frames) -> the chunk in the world."""
     collision = collision and scene.collider is not None
-    carried = carried_points(scene, collision=collision)
+    carried = carried_points(scene, collider=collision)
     resolve = _resolver(model, scene, template) if collision else None
 
     def finish(V: jax.Array, frames: slice) -> Chunk:

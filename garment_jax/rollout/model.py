@@ -7,12 +7,15 @@ import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config, from_dict, load_config, to_toml
 from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.motion_input import MotionInput
+from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import Statistics, Template, make_template
 from garment_jax.structs import Scene
 
@@ -52,6 +55,14 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
         laplacian=model.config.generative.laplacian,
     )
     return template, make_seeds(scene, model.config.body.seeds)
+
+
+def skinned_template(
+    model: Model, template: Template, seeds: Seeds, inputs: MotionInput, *, frame: int = 0
+) -> jax.Array:
+    """Return the template carried by its seeds at `frame`, `[n, 3]` metres, root frame: a rollout's start."""
+    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
+    return pose(inputs.R_seed[frame : frame + 1], inputs.t_seed[frame : frame + 1])[0]
 
 
 def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:

@@ -1,0 +1,122 @@
+"""Error beside run time of a trained model on the test clips, with and without its parts.
+
+    python benchmarks/skirt.py models/skirt data/skirt/test --json docs/figures/skirt.json
+
+Every clip begins from the skinned template; the truth is only compared with. Rows: the whole model, parts left
+out, further runs given with --also NAME=RUN (such as the ablation without the previous state), the
+reconstruction of the truth by the auto-encoder, and the skinned template. Milliseconds a frame are single stream:
+whole rollouts through `animate` (posing of pins and collider included), the first chunk not counted.
+"""
+
+import argparse
+import json
+import platform
+import time
+from datetime import date
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from garment_jax.body.root_frame import heading, to_root
+from garment_jax.data.motion_input import motion_input
+from garment_jax.data.sequence import open_sequence
+from garment_jax.data.start import make_skinned_template
+from garment_jax.generative.network import decode, encode
+from garment_jax.rollout.animate import animate
+from garment_jax.rollout.model import Model, template_for
+from garment_jax.training.pipeline import trained_model
+
+
+class Clip:
+    """A test clip in memory: scene, motion, truth."""
+
+    def __init__(self, path: Path) -> None:
+        with open_sequence(path) as sequence:
+            self.scene, self.motion, self.name = sequence.scene, sequence.motion, sequence.name
+            self.V = sequence.read(0, sequence.frames)
+
+
+def rmse_cm(V: np.ndarray, V_star: np.ndarray) -> float:
+    """Return the RMSE over vertices and frames, cm; both in the world."""
+    return float(100 * np.sqrt(np.square(V - V_star).sum(axis=-1).mean(dtype=np.float64)))
+
+
+def rolled_out(model: Model, clip: Clip, **options) -> tuple[float, float]:
+    """Return RMSE (cm) and milliseconds a frame of one rollout."""
+    pieces, times, began = [], [], time.perf_counter()
+    for piece in animate(model, clip.scene, clip.motion, name=clip.name, **options):
+        times.append((time.perf_counter() - began, len(piece.V)))
+        pieces.append(piece.V)
+        began = time.perf_counter()
+    later = times[1:] or times
+    return rmse_cm(np.concatenate(pieces), clip.V), 1e3 * sum(t for t, _ in later) / sum(k for _, k in later)
+
+
+def reconstructed(model: Model, clip: Clip) -> float:
+    """Return the RMSE (cm) of encoding the truth and decoding it, the means of Z."""
+    template, _ = template_for(model, clip.scene, clip.name)
+    generative, config = model.params["generative"], model.config.generative
+    yaw = heading(clip.motion.rotations[:, 0])
+    V = to_root(clip.V.astype(np.float64), clip.motion.root, yaw).astype(np.float32)
+
+    @jax.jit
+    def rebuild(V: jax.Array) -> jax.Array:
+        mean = encode(generative, V, template=template, config=config).mean
+        return decode(generative, mean, template=template, config=config).V
+
+    padded = np.concatenate([V, V[-1:].repeat(-len(V) % 32, axis=0)])
+    built = np.concatenate([rebuild(padded[i : i + 32]) for i in range(0, len(padded), 32)])
+    return rmse_cm(built[: len(V)], V)
+
+
+def skinned(model: Model, clip: Clip) -> float:
+    """Return the RMSE (cm) of the template carried by its seeds."""
+    template, seeds = template_for(model, clip.scene, clip.name)
+    inputs = motion_input(clip.motion, clip.scene, seeds, model.config.body.motion_joints)
+    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
+    truth = to_root(clip.V.astype(np.float64), inputs.root, inputs.yaw)
+    return rmse_cm(np.asarray(pose(inputs.R_seed, inputs.t_seed)), truth)
+
+
+def main() -> None:
+    """Measure, print a Markdown table, write JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("model")
+    parser.add_argument("clips", type=Path)
+    parser.add_argument("--also", action="append", default=[], metavar="NAME=RUN")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    model = trained_model(options.model)
+    clips = [Clip(path) for path in sorted(options.clips.glob("*.h5"))]
+    variants: dict[str, tuple[Model, dict]] = {
+        "whole model": (model, {}),
+        "no collision": (model, {"collision": False}),
+        "no collision, no detail": (model, {"collision": False, "detail": False}),
+    }
+    for pair in options.also:
+        name, _, run = pair.partition("=")
+        variants[name] = (trained_model(run), {"collision": False, "detail": False})
+    rows: dict[str, dict] = {}
+    for name, (chosen, settings) in variants.items():
+        results = [rolled_out(chosen, clip, **settings) for clip in clips]
+        rows[name] = {"rmse_cm": [r for r, _ in results], "ms_per_frame": float(np.median([m for _, m in results]))}
+        print(name, rows[name], flush=True)
+    rows["auto-encoder of the truth"] = {"rmse_cm": [reconstructed(model, clip) for clip in clips]}
+    rows["skinned template"] = {"rmse_cm": [skinned(model, clip) for clip in clips]}
+    names = [clip.name for clip in clips]
+    machine = f"{platform.machine()}, {jax.local_device_count()} {jax.default_backend()} device, jax {jax.__version__}"
+    print(f"\n{date.today()}, {machine}\n")
+    print(f"| RMSE cm | {' | '.join(names)} | mean | ms/frame |\n|{'---|' * (len(names) + 3)}")
+    for name, row in rows.items():
+        values = " | ".join(f"{x:.2f}" for x in row["rmse_cm"])
+        speed = f"{row['ms_per_frame']:.1f}" if "ms_per_frame" in row else "–"
+        print(f"| {name} | {values} | {np.mean(row['rmse_cm']):.2f} | {speed} |")
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        figures = {"date": str(date.today()), "machine": machine, "clips": names, "rows": rows}
+        options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
