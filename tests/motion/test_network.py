@@ -1,0 +1,101 @@
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.motion.network import (
+    MotionCarry,
+    carry_over,
+    gates_of,
+    gru_step,
+    motion_gates,
+    normalise_motion,
+)
+from garment_jax.structs import FrameInput
+from tests.reference.motion_window import frozen, motion_params, one_frame
+from tests.reference.small_model import MOTION, small_model
+
+BLIND = dataclasses.replace(MOTION, previous_state=False)
+
+
+def test_the_gru_is_pytorchs_cell_with_the_same_weights():
+    fixture = np.load(Path(__file__).with_name("gru_fixture.npz"))
+    params = {"gru_h": {"kernel": fixture["weight_hh"].T, "bias": fixture["bias_hh"]}}
+    params = jax.tree.map(jnp.asarray, params)
+    step = jax.jit(gru_step)
+    h = jnp.asarray(fixture["states"][0])
+    for x, expected in zip(fixture["x"], fixture["states"][1:], strict=True):
+        h = step(params, h, jnp.asarray(x @ fixture["weight_ih"].T + fixture["bias_ih"]))
+        np.testing.assert_allclose(h, expected, atol=2e-6)
+
+
+def test_a_closed_update_gate_keeps_the_state_and_an_open_one_replaces_it():
+    k = 3
+    params = {"gru_h": {"kernel": jnp.zeros((k, 3 * k)), "bias": jnp.zeros(3 * k)}}
+    h, candidate = jnp.array([0.5, -0.5, 0.1]), jnp.array([0.3, 0.2, -2.0])
+    for gate, expected in ((50.0, h), (-50.0, jnp.tanh(candidate))):
+        gates = jnp.concatenate([jnp.zeros(k), jnp.full(k, gate), candidate])
+        np.testing.assert_allclose(gru_step(params, h, gates), expected, atol=1e-6)
+
+
+def test_carry_over_is_a_row_vector_times_turn_plus_shift():
+    rng = np.random.default_rng(0)
+    V, turn, shift = rng.normal(size=(2, 5, 3)), rng.normal(size=(2, 3, 3)), rng.normal(size=(2, 3))
+    x = FrameInput(jnp.zeros((2, 1)), *(jnp.asarray(a, jnp.float32) for a in (turn, shift)))
+    out = carry_over(jnp.asarray(V, jnp.float32), x)
+    for lane in range(2):
+        for i in range(5):
+            expected = [sum(V[lane, i, a] * turn[lane, a, b] for a in range(3)) for b in range(3)]
+            np.testing.assert_allclose(out[lane, i], expected + shift[lane], atol=1e-5)
+
+
+def test_motion_is_normalised_by_the_training_set_and_a_constant_feature_cannot_blow_up():
+    model = small_model()
+    statistics = model.template.statistics
+    M = model.input.x.M
+    x = normalise_motion(jnp.asarray(M), model.template)
+    expected = (M - statistics.motion_mean) / statistics.motion_std
+    np.testing.assert_allclose(x, np.clip(expected, -10, 10), atol=1e-4)
+    assert np.abs(normalise_motion(jnp.asarray(M + 100), model.template)).max() == 10
+
+
+def test_gates_of_a_chunk_are_those_of_its_frames():
+    model, params = small_model(), motion_params()
+    M = jnp.asarray(model.input.x.M[:6])
+    together = jax.jit(lambda M: motion_gates(params, M, template=model.template))(M)
+    x = np.asarray(normalise_motion(M, model.template))
+    weights = jax.tree.map(np.asarray, params)
+    hidden = x @ weights["dense"]["kernel"] + weights["dense"]["bias"]
+    hidden = np.where(hidden < 0, 0.2 * hidden, hidden)
+    np.testing.assert_allclose(
+        together, hidden @ weights["gru_x"]["kernel"] + weights["gru_x"]["bias"], atol=1e-5
+    )
+    np.testing.assert_allclose(gates_of(params, jnp.asarray(x[2])), together[2], atol=1e-5)
+
+
+def frame_code(V_prev: np.ndarray, config=MOTION) -> np.ndarray:
+    model = small_model()
+    x = FrameInput(*(jnp.asarray(leaf[3]) for leaf in model.input.x))
+    carry = MotionCarry(jnp.zeros(config.gru), jnp.asarray(V_prev))
+    return np.asarray(one_frame(motion_params(config), frozen()[0], carry, x, config)[1])
+
+
+def test_the_last_frame_matters_with_E_s_and_is_not_read_without():
+    V = small_model().V[2]
+    assert np.abs(frame_code(V) - frame_code(V + np.float32(0.05))).max() > 1e-3
+    assert "E_s" not in motion_params(BLIND)
+    blind = frame_code(V, BLIND)
+    assert np.isfinite(blind).all()
+    np.testing.assert_array_equal(frame_code(np.full_like(V, np.nan), BLIND), blind)
+
+
+@pytest.mark.parametrize("config", [MOTION, BLIND], ids=["with E_s", "without"])
+def test_shapes(config):
+    params = motion_params(config)
+    joined = config.gru + (config.state_dim if config.previous_state else 0)
+    assert params["fc"]["kernel"].shape == (joined, 8)
+    assert params["gru_h"]["kernel"].shape == (config.gru, 3 * config.gru)
+    assert params["gru_x"]["bias"].shape == params["gru_h"]["bias"].shape == (3 * config.gru,)
