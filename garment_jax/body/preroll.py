@@ -18,7 +18,7 @@ def preroll_motion(motion: Motion, frames: int) -> Motion:
     if frames < 0:
         raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
     first = motion.rotations[0].astype(np.float64)
-    start = np.repeat(yaw_matrix(heading(first[0]))[None], len(first), axis=0)
+    start = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
     # however short the preroll is, its last frame is the first pose
     u = np.clip((np.arange(frames) / max(frames - 1, 1) - SETTLE) / BLEND, 0.0, 1.0)
     u = u * u * (3.0 - 2.0 * u)

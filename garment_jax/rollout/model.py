@@ -119,7 +119,7 @@ def load_model(folder: str | Path) -> Model:
     config = load_config(folder / "config.toml")
     try:
         facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        with np.load(folder / "parameters.npz") as stored:
+        with open(folder / "parameters.npz", "rb") as file, np.load(file) as stored:
             arrays = {name: stored[name] for name in stored.files}
         statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
         described = facts["garment_hash"], facts["vertices"], facts["fps"]

@@ -43,6 +43,9 @@ def pose_carried(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pins `[k, p, 3]` and the collider `[k, c, 3]` at `frames`, metres, root frames."""
     rotations = motion.rotations[frames]
+    if not len(carried.points):
+        none = np.zeros((len(rotations), 0, 3), np.float32)
+        return none, none
     positions = joint_positions(rotations, motion.root[frames], scene.body)
     posed = pose_points(carried.points, carried.weights, rotations, positions, scene.body.joints)
     posed = to_root(posed, inputs.root[frames], inputs.yaw[frames]).astype(np.float32)

@@ -1,0 +1,110 @@
+"""Models on disk: what is written comes back, what is damaged is refused."""
+
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from garment_jax.rollout import model as module
+from garment_jax.rollout.model import load_model, save_model, template_for
+from tests.reference.scene import make_scene
+from tests.rollout.tiny_model import SCENE, tiny_model
+
+
+def test_32_bits_come_back_bit_for_bit(tmp_path: Path):
+    folder = save_model(tiny_model(), tmp_path / "model", bits=32)
+    assert sorted(path.name for path in folder.iterdir()) == ["config.toml", "model.json", "parameters.npz"]
+    again = load_model(folder)
+    assert again[0] == tiny_model().config
+    assert again[3:] == tiny_model()[3:]
+    assert jax.tree.structure(again.params) == jax.tree.structure(tiny_model().params)
+    for a, b in zip(jax.tree.leaves(again.params), jax.tree.leaves(tiny_model().params), strict=True):
+        np.testing.assert_array_equal(a, b)
+    for a, b in zip(again.statistics, tiny_model().statistics, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_16_bits_round_to_three_digits_and_come_back_as_float32(tmp_path: Path):
+    again = load_model(save_model(tiny_model(), tmp_path))
+    size = sum(leaf.size for leaf in jax.tree.leaves(again.params))
+    assert (tmp_path / "parameters.npz").stat().st_size < 2.2 * size + 20_000
+    for a, b in zip(jax.tree.leaves(again.params), jax.tree.leaves(tiny_model().params), strict=True):
+        assert a.dtype == np.float32
+        np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-6)
+    np.testing.assert_array_equal(again.statistics.map_std, tiny_model().statistics.map_std)
+    once = save_model(again, tmp_path / "again")
+    for a, b in zip(jax.tree.leaves(load_model(once).params), jax.tree.leaves(again.params), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_16_bits_cannot_hold_is_refused_before_anything_is_written(tmp_path: Path):
+    wild = tiny_model()._replace(params={"generative": {"split_s": {"kernel": np.array([7e4])}}})
+    with pytest.raises(ValueError, match=r"generative/split_s/kernel reaches 7e\+04, which 16 bits cannot"):
+        save_model(wild, tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_full_disk_leaves_no_part_of_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(path: Path, **arrays: np.ndarray) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module.np, "savez_compressed", full)
+    with pytest.raises(OSError, match=r"could not be written \(No space left on device\); free some space"):
+        save_model(tiny_model(), tmp_path / "model")
+    assert list((tmp_path / "model").iterdir()) == []
+
+
+def test_a_folder_without_a_model_is_refused(tmp_path: Path):
+    with pytest.raises(FileNotFoundError, match=r"holds no config\.toml; name a run of train\.py or a model"):
+        load_model(tmp_path)
+    save_model(tiny_model(), tmp_path)
+    (tmp_path / "parameters.npz").unlink()
+    with pytest.raises(FileNotFoundError, match=r"holds no parameters\.npz"):
+        load_model(tmp_path)
+
+
+def shorten(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-400])
+
+
+def blur(path: Path) -> None:
+    """Overwrite the middle of the compressed parameters."""
+    data = bytearray(path.read_bytes())
+    half = len(data) // 2
+    data[half : half + 64] = bytes(64)
+    path.write_bytes(data)
+
+
+def lose_statistics(path: Path) -> None:
+    with np.load(path) as stored:
+        kept = {name: stored[name] for name in stored.files if name != "statistics/map_std"}
+    np.savez(path, **kept)
+
+
+@pytest.mark.parametrize("damage", [shorten, blur, lose_statistics, lambda path: path.write_text("no zip")])
+def test_damaged_parameters_are_refused(tmp_path: Path, damage):
+    save_model(tiny_model(), tmp_path)
+    damage(tmp_path / "parameters.npz")
+    with pytest.raises(ValueError, match=r"holds a damaged model .*; copy or save it again"):
+        load_model(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", json.dumps({"vertices": 3})])
+def test_damaged_facts_are_refused(tmp_path: Path, text: str):
+    save_model(tiny_model(), tmp_path)
+    (tmp_path / "model.json").write_text(text)
+    with pytest.raises(ValueError, match="holds a damaged model"):
+        load_model(tmp_path)
+
+
+def test_another_garment_is_refused_by_name():
+    with pytest.raises(
+        ValueError, match="polka has a garment of 112 vertices and the model was trained on 128"
+    ):
+        template_for(tiny_model(), make_scene(7, 16), "polka")
+    shifted = SCENE.garment._replace(uv=np.roll(SCENE.garment.uv, 1, axis=0))
+    with pytest.raises(ValueError, match="polka has another template, faces or UVs"):
+        template_for(tiny_model(), SCENE._replace(garment=shifted), "polka")

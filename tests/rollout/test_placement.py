@@ -1,0 +1,40 @@
+"""Pins and collider, posed together, against the body posed whole."""
+
+import numpy as np
+
+from garment_jax.body.kinematics import collider_points, joint_positions, pose_body, pose_points
+from garment_jax.body.root_frame import to_root
+from garment_jax.rollout.placement import carried_points, pose_carried
+from tests.reference.scene import make_motion
+from tests.rollout.tiny_model import SCENE, inputs_of
+
+MOTION = make_motion(SCENE, 9, seed=1)
+FRAMES = slice(2, 7)
+
+
+def test_pins_and_collider_are_those_of_the_posed_body():
+    assert SCENE.pins is not None
+    assert SCENE.collider is not None
+    inputs = inputs_of(MOTION)
+    frame = inputs.root[FRAMES], inputs.yaw[FRAMES]
+    carried = carried_points(SCENE, collider=True)
+    pins, collider = pose_carried(carried, SCENE, MOTION, inputs, FRAMES)
+    body = pose_body(SCENE.body, MOTION, np.arange(FRAMES.start, FRAMES.stop))
+    whole = to_root(collider_points(SCENE.collider, body), *frame)
+    np.testing.assert_allclose(collider, whole, atol=1e-6)
+    rotations = MOTION.rotations[FRAMES]
+    positions = joint_positions(rotations, MOTION.root[FRAMES], SCENE.body)
+    points = SCENE.garment.template[SCENE.pins.vertices]
+    posed = pose_points(points, SCENE.pins.weights, rotations, positions, SCENE.body.joints)
+    np.testing.assert_allclose(pins, to_root(posed, *frame), atol=1e-6)
+
+
+def test_what_a_scene_lacks_is_left_out():
+    bare = SCENE._replace(collider=None, pins=None)
+    inputs = inputs_of(MOTION)
+    for scene, collider, shapes in (
+        (bare, True, ((5, 0, 3), (5, 0, 3))),
+        (SCENE, False, ((5, 16, 3), (5, 0, 3))),
+    ):
+        parts = pose_carried(carried_points(scene, collider=collider), scene, MOTION, inputs, FRAMES)
+        assert tuple(part.shape for part in parts) == shapes

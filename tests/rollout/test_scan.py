@@ -1,0 +1,144 @@
+"""A scan is the loop of `step`, chunks are the whole, a batch is one by one, and nothing looks ahead."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.data.motion_input import MotionInput
+from garment_jax.motion.network import MotionCarry
+from garment_jax.rollout.clips import rollout_batch, rollout_chunks, stack_motions
+from garment_jax.rollout.scan import make_rollout, rollout
+from garment_jax.rollout.step import init_state, step
+from garment_jax.structs import FrameInput
+from tests.reference.scene import make_motion
+from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, inputs_of, template, tiny_model
+
+FRAMES = 100
+CLOSE = 1e-5  # metres over 100 frames
+
+
+@pytest.fixture(scope="module")
+def motion() -> MotionInput:
+    return inputs_of(make_motion(SCENE, FRAMES, seed=3))
+
+
+@pytest.fixture(scope="module")
+def run():
+    return make_rollout(template(), CONFIG)
+
+
+@pytest.fixture(scope="module")
+def whole(motion: MotionInput, run) -> tuple[MotionCarry, np.ndarray]:
+    """The state after, and the garment of, all frames at once."""
+    state, V = run(tiny_model().params, alone(first_state(motion)), motion.x)
+    return state, np.asarray(V)
+
+
+def frame_of(x: FrameInput, t: int | slice) -> FrameInput:
+    return FrameInput(*(jnp.asarray(leaf[t]) for leaf in x))
+
+
+def test_the_tiny_garment_swings_and_feeds_back(motion: MotionInput, run, whole):
+    V = whole[1]
+    assert np.ptp(V, axis=0).max() > 0.02  # metres
+    state = alone(first_state(motion))
+    other = np.asarray(run(tiny_model().params, state._replace(V_prev=state.V_prev + 0.1), motion.x)[1])
+    assert np.abs(other - V)[0].max() > 1e-4
+
+
+def test_scan_equals_a_python_loop_of_step(motion: MotionInput, whole):
+    one = jax.jit(partial(step, template=template(), config=CONFIG))
+    state, frames = alone(first_state(motion)), []
+    for t in range(FRAMES):
+        state, V = one(tiny_model().params, state, frame_of(motion.x, t))
+        frames.append(V)
+    np.testing.assert_allclose(np.stack(frames), whole[1], atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(state.h, whole[0].h, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("chunk", [20, 50])
+def test_chunks_equal_the_whole(motion: MotionInput, run, whole, chunk: int):
+    params, state = tiny_model().params, alone(first_state(motion))
+    pieces = list(rollout_chunks(run, params, state, motion.x, chunk=chunk))
+    assert [start for start, _ in pieces] == list(range(0, FRAMES, chunk))
+    V = np.concatenate([np.asarray(piece) for _, piece in pieces])
+    np.testing.assert_allclose(V, whole[1], atol=CLOSE, rtol=0)
+
+
+def test_the_same_program_gives_the_same_bits(motion: MotionInput, run, whole):
+    params, state = tiny_model().params, alone(first_state(motion))
+    assert np.array_equal(np.asarray(run(params, state, motion.x)[1]), whole[1])
+    # a chunk of the same length from the state in the middle: what a resumed stream computes
+    x = frame_of(motion.x, slice(0, 50))
+    middle, first = run(params, state, x)
+    again, second = run(params, MotionCarry(*map(np.asarray, middle)), frame_of(motion.x, slice(50, 100)))
+    joined = list(rollout_chunks(run, params, state, motion.x, chunk=50))
+    assert np.array_equal(np.concatenate([first, second]), np.concatenate([V for _, V in joined]))
+    np.testing.assert_allclose(again.V_prev, whole[0].V_prev, atol=CLOSE, rtol=0)
+
+
+def test_a_chunk_that_does_not_divide_is_refused(motion: MotionInput, run):
+    pieces = rollout_chunks(run, {}, alone(first_state(motion)), motion.x, chunk=30)
+    with pytest.raises(ValueError, match="chunk = 30 does not divide 100 frames; pad the motion first"):
+        next(pieces)
+
+
+def test_a_batch_equals_one_by_one(motion: MotionInput, run, whole):
+    others = [inputs_of(make_motion(SCENE, t, seed=s)) for t, s in ((7, 4), (33, 5))]
+    motions, params = [others[0], motion, others[1]], tiny_model().params
+    together = rollout_batch(
+        run, params, first_state(*motions), [m.x for m in motions], chunk=CONFIG.rollout.chunk
+    )
+    assert [len(V) for V in together] == [7, FRAMES, 33]
+    np.testing.assert_allclose(together[1], whole[1], atol=CLOSE, rtol=0)
+    for V, single in ((together[0], others[0]), (together[2], others[1])):
+        expected = run(params, alone(first_state(single)), single.x)[1]
+        np.testing.assert_allclose(V, expected, atol=CLOSE, rtol=0)
+
+
+def test_motions_are_stacked_with_a_mask_and_rest_at_their_last_frame():
+    motions = [inputs_of(make_motion(SCENE, t)).x for t in (5, 9)]
+    x, mask = stack_motions(motions, 4)
+    assert x.M.shape[:2] == mask.shape == (12, 2)
+    assert mask.sum(axis=0).tolist() == [5, 9]
+    assert mask[:5, 0].all()
+    np.testing.assert_array_equal(x.M[:9, 1], motions[1].M)
+    np.testing.assert_array_equal(x.M[5:, 0], np.repeat(motions[0].M[-1:], 7, axis=0))
+    np.testing.assert_array_equal(x.turn[5:, 0], np.tile(np.eye(3), (7, 1, 1)))
+    assert not x.shift[5:, 0].any()
+
+
+def test_the_future_does_not_change_the_past(motion: MotionInput, run, whole):
+    here, there = make_motion(SCENE, FRAMES, seed=3), make_motion(SCENE, FRAMES, seed=9)
+    cut = 40
+    mixed = here._replace(
+        rotations=np.concatenate([here.rotations[:cut], there.rotations[cut:]]),
+        root=np.concatenate([here.root[:cut], there.root[cut:]]),
+    )
+    inputs = inputs_of(mixed)
+    V = np.asarray(run(tiny_model().params, alone(first_state(inputs)), inputs.x)[1])
+    assert np.array_equal(V[:cut], whole[1][:cut])
+    assert np.abs(V[cut] - whole[1][cut]).max() > 1e-4
+
+
+def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whole):
+    params, state = tiny_model().params, alone(first_state(motion))
+    bare = partial(rollout, template=template(), config=CONFIG, detail=False)
+    after, V = jax.jit(bare)(params, state, motion.x)
+    np.testing.assert_allclose(V[-1], after.V_prev, atol=0)
+    np.testing.assert_allclose(after.V_prev, whole[0].V_prev, atol=CLOSE)  # detail is not fed back
+    assert np.abs(np.asarray(V) - whole[1]).max() > 1e-4
+    untrained = {name: params[name] for name in ("generative", "motion")}
+    full = partial(rollout, template=template(), config=CONFIG)
+    np.testing.assert_array_equal(jax.jit(full)(untrained, state, motion.x)[1], V)
+
+
+def test_the_first_state_is_what_the_user_gives():
+    V = jnp.ones((3, 4, 3))
+    state = init_state({}, V, config=CONFIG)
+    assert state.h.shape == (3, CONFIG.motion.gru)
+    assert not np.asarray(state.h).any()
+    assert state.V_prev is V
