@@ -21,7 +21,7 @@ from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.root_frame import to_root
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config
-from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.template import STD_FLOOR, Statistics
@@ -80,6 +80,10 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
     for path in paths:
         with open_sequence(path) as sequence:
             check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
+            if body_hash(sequence.scene.body) != body_hash(scene.body):
+                raise ValueError(
+                    f"{sequence.name} has another body than {garment_name}; train on the clips of one body."
+                )
             if sequence.fps != fps:
                 raise ValueError(
                     f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one."

@@ -1,0 +1,166 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.body.mirror import FLIP, mirror_motion
+from garment_jax.body.root_frame import from_root
+from garment_jax.config import Config
+from garment_jax.data.motion_input import motion_input
+from garment_jax.data.prepared import DataSet, frames_of, prepare, training_clips
+from garment_jax.data.sequence import open_sequence
+from garment_jax.data.template import STD_FLOOR
+from tests.reference import skinning
+from tests.reference.scene import make_motion, make_scene, write_clip
+
+SCENE = make_scene(4, 8)
+FRAMES = 70  # more than one call of the inverse skinning
+BASE = Config()
+CONFIG = dataclasses.replace(
+    BASE,
+    data=dataclasses.replace(BASE.data, validation=("waltz.2",)),
+    body=dataclasses.replace(BASE.body, seeds=6, tau=0.1, skin_iterations=2),
+)
+
+
+def write(path: Path, seed: int, scene=SCENE, frames: int = FRAMES, fps: float = 30.0) -> Path:
+    motion = make_motion(scene, frames, seed, fps=fps)
+    return write_clip(path, seed=seed, scene=scene, motion=motion, encoding="float32")
+
+
+def with_data(config: Config, **values) -> Config:
+    return dataclasses.replace(config, data=dataclasses.replace(config.data, **values))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Three clips; two names differ only after a dot."""
+    folder = tmp_path_factory.mktemp("clips")
+    (folder / "train").mkdir()
+    for seed, name in enumerate(["samba", "waltz.1", "waltz.2"]):
+        write(folder / "train" / f"{name}.h5", seed)
+    write(folder / "test.h5", 9)  # beside train/: not to be trained on
+    return folder
+
+
+@pytest.fixture(scope="module")
+def data(folder, tmp_path_factory) -> DataSet:
+    return prepare(folder, CONFIG, tmp_path_factory.mktemp("cache"))
+
+
+def test_training_clips_come_with_their_mirror_images_and_validation_is_kept_back(data):
+    names = [clip.name for clip in data.train]
+    assert names == ["samba", "samba mirrored", "waltz.1", "waltz.1 mirrored"]
+    assert [clip.mirrored for clip in data.train] == [False, True, False, True]
+    assert [clip.name for clip in data.validation] == ["waltz.2"]
+    assert data.fps == 30
+
+
+def test_vertices_are_the_clips_in_the_root_frame(data, folder):
+    for clip in (*data.train[::2], *data.validation):
+        with open_sequence(folder / "train" / f"{clip.name}.h5") as sequence:
+            world = sequence.read(0, FRAMES)
+        back = from_root(clip.V.astype(np.float64), clip.input.root, clip.input.yaw)
+        np.testing.assert_allclose(back, world, atol=2e-6)
+
+
+def test_unposed_targets_are_the_slow_fixed_point(data):
+    clip = data.validation[0]
+    T = SCENE.garment.template - SCENE.body.joints[0]
+    for t in (0, 40, 65, 69):  # of the first call, of both and of the last
+        R, shift = clip.input.R_seed[t].astype(float), clip.input.t_seed[t].astype(float)
+        x = T.astype(float)
+        for _ in range(2):
+            W = skinning.softmax_weights(x, data.seeds.points.astype(float), 0.1)
+            x = skinning.unskin(clip.V[t].astype(float), W, R, shift)
+        np.testing.assert_allclose(clip.T_tilde[t], x, atol=1e-4)
+
+
+def test_mirrored_frames_are_those_of_the_mirrored_motion(data):
+    clip, image = data.train[:2]
+    V, T_tilde = frames_of(clip, np.array([3, 7]), data)
+    V_m, T_tilde_m = frames_of(image, np.array([3, 7]), data)
+    np.testing.assert_array_equal(V, clip.V[[3, 7]])
+    assert data.mirror is not None
+    for i, partner in enumerate(data.mirror):
+        np.testing.assert_allclose(V_m[:, i], V[:, partner] * FLIP, atol=1e-7)
+        np.testing.assert_allclose(T_tilde_m[:, i], T_tilde[:, partner] * FLIP, atol=1e-7)
+    motion = mirror_motion(make_motion(SCENE, FRAMES, 0), SCENE.body)
+    expected = motion_input(motion, SCENE, data.seeds, CONFIG.body.motion_joints)
+    np.testing.assert_allclose(image.input.x.M, expected.x.M, atol=1e-5)
+
+
+def test_statistics_are_over_training_frames_and_their_mirror_images_alone(data):
+    V = np.concatenate([frames_of(clip, np.arange(FRAMES), data)[0] for clip in data.train]).reshape(-1, 3)
+    M = np.concatenate([clip.input.x.M for clip in data.train])
+    found = data.statistics
+    np.testing.assert_allclose(found.map_mean, V.mean(axis=0, dtype=float), atol=1e-5)
+    np.testing.assert_allclose(found.map_std, V.std(axis=0, dtype=float), rtol=1e-4)
+    np.testing.assert_allclose(found.motion_mean, M.mean(axis=0), atol=1e-5)
+    np.testing.assert_allclose(found.motion_std, np.maximum(M.std(axis=0), STD_FLOOR), rtol=1e-4)
+    np.testing.assert_array_equal(found.motion_low, M.min(axis=0))
+    np.testing.assert_array_equal(found.motion_high, M.max(axis=0))
+
+
+def test_large_arrays_stay_on_disk(data):
+    for clip in (*data.train, *data.validation):
+        assert isinstance(clip.V, np.memmap)
+        assert isinstance(clip.T_tilde, np.memmap)
+        assert not clip.V.flags.writeable
+
+
+def test_the_cache_is_used_again_until_a_setting_that_shapes_it_changes(folder, tmp_path, capsys):
+    first = prepare(folder, CONFIG, tmp_path)
+    assert capsys.readouterr().err.count("prepare:") == 3
+    assert len(list(tmp_path.iterdir())) == 6  # and no half-written file
+    again = prepare(folder, CONFIG, tmp_path)
+    assert "prepare:" not in capsys.readouterr().err
+    assert again.content == first.content
+    np.testing.assert_array_equal(again.train[0].T_tilde, first.train[0].T_tilde)
+    other = dataclasses.replace(CONFIG, body=dataclasses.replace(CONFIG.body, tau=0.05))
+    assert prepare(folder, other, tmp_path).content != first.content
+    assert capsys.readouterr().err.count("prepare:") == 3
+
+
+def test_without_mirroring_there_are_no_images_and_a_lopsided_garment_will_do(folder, tmp_path):
+    data = prepare(folder, with_data(CONFIG, mirror=False), tmp_path)
+    assert [clip.name for clip in data.train] == ["samba", "waltz.1"]
+    assert data.mirror is None
+    assert data.statistics.map_mean[0] == pytest.approx(data.train[0].V[..., 0].mean(), abs=0.1)
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="holds no training clips"):
+        prepare(tmp_path, CONFIG, tmp_path / "cache")
+
+
+def test_an_unknown_validation_clip_and_a_set_without_training_are_refused(folder):
+    with pytest.raises(ValueError, match=r"names 'tango', which .* it has samba, waltz\.1, waltz\.2"):
+        training_clips(folder, ["tango"])
+    with pytest.raises(ValueError, match="names every clip"):
+        training_clips(folder, ["samba", "waltz.1", "waltz.2"])
+
+
+def test_without_a_train_folder_the_folder_itself_is_read(tmp_path):
+    write(tmp_path / "solo.h5", 0, frames=3)
+    assert [path.stem for path in training_clips(tmp_path, [])] == ["solo"]
+
+
+OTHER_BODY = SCENE._replace(body=SCENE.body._replace(vertices=SCENE.body.vertices + np.float32(0.01)))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"scene": make_scene(5, 8)}, "garment vertices"),
+        ({"scene": OTHER_BODY}, "has another body than a"),
+        ({"fps": 60.0}, "60 fps and a 30"),
+    ],
+    ids=["garment", "body", "fps"],
+)
+def test_clips_that_do_not_fit_each_other_are_refused(tmp_path, change, sentence):
+    write(tmp_path / "a.h5", 0, frames=5)
+    write(tmp_path / "b.h5", 1, frames=5, **change)
+    with pytest.raises(ValueError, match=sentence):
+        prepare(tmp_path, with_data(CONFIG, validation=()), tmp_path / "cache")
