@@ -28,12 +28,12 @@ class CollisionOptions(NamedTuple):
     eps: float = 1e-3  # margin outside the body
     slack: float = 2e-5  # how much of the margin may be missing: float32 and the surface's curvature
     iterations: int = 60  # gradient steps at most
-    refresh_every: int = 10  # gradient steps between two searches for correspondences
+    refresh_every: int = 20  # gradient steps between two searches for correspondences
     tolerance: float = 1e-4  # largest movement between two searches that counts as standing still
     projections: int = 8  # projections at the end at most, each with new correspondences
-    rings: int = 6  # edges from a contact to the last vertex that may move
+    rings: int = 4  # edges from a contact to the last vertex that may move
     reach: float = 0.02  # vertices farther out than this need no exact correspondence
-    small: int = 64  # groups of 8 vertices in the small solve; a larger region takes the whole garment
+    small: int = 128  # groups of 8 vertices in the small solve; a larger region takes the whole garment
 
 
 class _Progress(NamedTuple):
@@ -134,7 +134,7 @@ def _outcome(ds, free, standing, options):
 def _locate(positions, here, surface, tables, options):
     """Return the correspondences of a region's vertices, starting from its last ones."""
     shape = (-1, tables.groups.shape[1])
-    limit = jnp.where(here.exact, jnp.inf, options.reach).reshape(shape)
+    limit = jnp.where(here.ds < options.reach, jnp.inf, options.reach).reshape(shape)
     points, previous = positions.reshape(*shape, 3), here.triangle.reshape(shape)
     return closest_point_groups(previous, points, limit, surface, tables.surface)
 

@@ -57,7 +57,7 @@ def make_collision_tables(
     own = np.zeros(groups.shape, bool)
     own.reshape(-1)[np.unique(groups.reshape(-1), return_index=True)[1]] = True
     back = transposed_weights(table)
-    bound = np.float32(lipschitz(table, back))
+    bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
     return CollisionTables(surface, groups, own, np.asarray(table.index), weight, back, bound)
 

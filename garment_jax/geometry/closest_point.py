@@ -127,19 +127,19 @@ def _search(previous, local, surface, tables, groups, reach, budget):
     first = groups[:, :1]
     # Nothing inside is deeper than the body is thick; half as much again for the pose's bulging.
     enough = jnp.minimum(_grown(bound[first]), 1.5 * tables.thickness + reach)
-    lead = search_groups(p[:, :1], enough, jnp.ones(len(groups), bool), surface, budget)
+    lead = search_groups(p[:, :1], enough, jnp.ones(len(groups), bool), surface, budget.single())
     lead_triangle = jnp.where(lead.triangle < 0, previous[first], lead.triangle)
     sign = jnp.sign(_answer(p[:, 0], lead_triangle[:, 0], None, surface, tables).ds)[:, None]
     lead_ds = jnp.where(lead.triangle < 0, lead.distance, sign * lead.distance)
     spread = jnp.sqrt(((p - p[:, :1]) ** 2).sum(axis=-1))  # [g, s]
     near = (lead_ds - spread < reach).any(axis=1)
-    known = jnp.where(lead.triangle < 0, jnp.inf, lead.distance)
-    bound = _grown(jnp.minimum(bound[groups], known + spread))
-    rest = search_groups(p, bound, near, surface, budget)
+    # A point that is inside is at most `spread - lead_ds` deep: nothing found that near, it is outside.
+    limit = jnp.minimum(_grown(bound[groups]), jnp.maximum(reach, _grown(spread - lead_ds)))
+    rest = search_groups(p, limit, near, surface, budget)
     found = jnp.where(rest.triangle < 0, lead_triangle, rest.triangle)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
     triangle = previous.at[groups].set(found)
-    exact = jnp.zeros(len(local), bool).at[groups].set(jnp.broadcast_to(near[:, None], groups.shape))
+    exact = jnp.zeros(len(local), bool).at[groups].set(near[:, None] & (rest.triangle >= 0))
     return triangle, exact, lead.fits & rest.fits
 
 

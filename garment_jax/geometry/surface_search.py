@@ -31,8 +31,12 @@ class Budget(NamedTuple):
     """Room in the search's work lists (static); what does not fit is searched by brute force."""
 
     branches: int = 2048  # pairs of a group of points and a branch
-    leaves: int = 8192  # pairs of a group of points and a leaf
+    leaves: int = 4096  # pairs of a group of points and a leaf
     chunk: int = 512  # pairs tested at a time
+
+    def single(self) -> "Budget":
+        """Return the room for groups of one point: all of them are searched, however far away."""
+        return Budget(2 * self.branches, 2 * self.leaves, self.chunk)
 
 
 class Nearest(NamedTuple):
@@ -134,15 +138,13 @@ def _within(points, bound, centre, radius):
 def _pairs(points, bound, surface, budget):
     """Return the pairs of groups and leaves that may hold a closest point, by way of the branches.
 
-    A branch is tested against the whole group (its first point is in the middle), a leaf against
-    each point, which alone keeps the number of pairs near what it must be.
+    A ball is tested against each point of a group: against the group's own ball it would pass
+    twice as often.
     """
-    spread = jnp.sqrt(((points - points[:, :1]) ** 2).sum(axis=-1))
-    whole = jnp.where(bound >= 0, bound + spread, -1.0).max(axis=1)
     b = len(surface.branch_radius)
-    middle = tuple(points[:, 0, x, None] for x in range(3))
-    branches_at = tuple(surface.branch_centre[None, :, x] for x in range(3))
-    near = _within(middle, whole[:, None], branches_at, surface.branch_radius[None])
+    p = tuple(points[:, None, :, x] for x in range(3))  # [g, 1, s]
+    centre = tuple(surface.branch_centre[None, :, x, None] for x in range(3))
+    near = _within(p, bound[:, None], centre, surface.branch_radius[None, :, None]).any(axis=-1)
     pair, branches = _compact(near, budget.branches)
     group, branch = pair // b, pair % b
     leaf = branch[:, None] * BRANCH + jnp.arange(BRANCH, dtype=jnp.int32)[None]

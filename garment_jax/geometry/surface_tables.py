@@ -45,7 +45,7 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
     incident, surplus_vertex, surplus_corner = _incidence(faces, row, len(order), len(vertices))
     across = row[_across(faces)][order]
-    thickness = np.float32(_thickness(vertices, faces))
+    thickness = np.array(_thickness(vertices, faces), np.float32)
     return SurfaceTables(faces[order], order, across, incident, surplus_vertex, surplus_corner, thickness)
 
 
