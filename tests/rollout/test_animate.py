@@ -12,9 +12,10 @@ from garment_jax.config import RolloutConfig
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.animate import animate, animate_file, training_range
 from garment_jax.rollout.model import Model
+from garment_jax.rollout.scan import make_rollout
 from garment_jax.structs import Motion, Scene
 from tests.reference.scene import make_motion, make_scene, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, inputs_of, tiny_model
+from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, inputs_of, template, tiny_model
 
 
 def frames_of(model: Model, motion: Motion, *, scene: Scene = SCENE, collision: bool = False, **options):
@@ -33,9 +34,6 @@ def test_pins_are_the_bodys_and_the_rest_is_the_rollout_in_the_world():
     expected = pose_points(points, pins.weights, motion.rotations, positions, SCENE.body.joints)
     np.testing.assert_allclose(V[:, pins.vertices], expected, atol=1e-6)
     inputs = inputs_of(motion)
-    from garment_jax.rollout.scan import make_rollout
-    from tests.rollout.tiny_model import template
-
     run = make_rollout(template(), CONFIG)
     rolled = run(tiny_model().params, alone(first_state(inputs)), inputs.x)[1]
     free = np.setdiff1d(np.arange(V.shape[1]), pins.vertices)

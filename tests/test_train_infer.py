@@ -1,0 +1,196 @@
+"""`train.py` and `infer.py`: they parse, call and print; refusals are one sentence and exit code 2."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import infer
+import train
+from garment_jax.cli import main as garment_jax
+from garment_jax.config import to_toml
+from garment_jax.data.sequence import open_sequence
+from garment_jax.rollout.model import save_model
+from garment_jax.training.run_directory import prepare_run
+from tests.reference.scene import make_motion, make_scene, write_clip
+from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(save_model(tiny_model(), tmp_path_factory.mktemp("model")))
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("clips") / "polka.h5"
+    return str(write_clip(path, scene=SCENE, motion=make_motion(SCENE, 18), attributes={"name": "polka"}))
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> str:
+    path = tmp_path / "tiny.toml"
+    path.write_text(to_toml(CONFIG))
+    return str(path)
+
+
+def call(program, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["program", *arguments])
+    return program.main()
+
+
+def refused(code: int, captured) -> str:
+    """Return the sentence of a refusal after checking its form."""
+    assert code == 2
+    assert not captured.out
+    lines = [line for line in captured.err.splitlines() if not line.startswith("prepare: ")]
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("error: ")
+    assert lines[0].endswith((".", "?"))
+    return lines[0]
+
+
+def test_infer_writes_what_evaluate_reads(tmp_path: Path, model, clip, monkeypatch, capsys):
+    out = str(tmp_path / "pred.h5")
+    assert call(infer, [model, "--motion", clip, "--out", out, "--preroll", "12"], monkeypatch) == 0
+    assert f"{out}: 18 frames in " in capsys.readouterr().out
+    with open_sequence(out) as made, open_sequence(clip) as truth:
+        assert made.frames == 18
+        assert made.extra_names == ("outside_training_range",)
+        pins = SCENE.pins
+        assert pins is not None
+        # the truth's pins are skinned with the same weights; files hold 16 bits
+        np.testing.assert_allclose(
+            made.read(0, 18)[:, pins.vertices], truth.read(0, 18)[:, pins.vertices], atol=2e-4
+        )
+    assert garment_jax(["evaluate", out, clip, "--every", "6"]) == 0
+    assert "| polka | 18 |" in capsys.readouterr().out
+    assert garment_jax(["info", out]) == 0
+    assert "predicted" in capsys.readouterr().out
+
+
+def test_infer_leaves_stages_out(tmp_path: Path, model, clip, monkeypatch):
+    made = []
+    for name, words in (("bare", ["--no-detail"]), ("full", [])):
+        out = str(tmp_path / f"{name}.h5")
+        assert (
+            call(infer, [model, "--motion", clip, "--out", out, "--no-collision", *words], monkeypatch) == 0
+        )
+        with open_sequence(out) as sequence:
+            made.append(sequence.read(0, 18))
+    assert np.abs(made[0] - made[1]).max() > 1e-3
+
+
+def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, capsys):
+    out = str(tmp_path / "pred.h5")
+    other = str(write_clip(tmp_path / "other.h5", 4, scene=make_scene(7, 16)))
+    fast = str(write_clip(tmp_path / "fast.h5", motion=make_motion(SCENE, 4, fps=60.0)))
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(Path(clip).read_bytes()[:3000])
+    for words, sentence in (
+        (["nowhere", "--motion", clip, "--out", out], "holds no config.toml"),
+        ([model, "--motion", "nowhere.h5", "--out", out], "no such file"),
+        ([model, "--motion", str(cut), "--out", out], "cut.h5"),
+        ([model, "--motion", other, "--out", out], "112 vertices and the model was trained on 128"),
+        ([model, "--motion", fast, "--out", out], "60 fps and the model was trained at 30"),
+        ([model, "--motion", clip, "--out", clip], "holds the motion itself"),
+        ([model, "--motion", clip, "--out", out, "--preroll", "-1"], "--preroll -1 is negative"),
+    ):
+        assert sentence in refused(call(infer, words, monkeypatch), capsys.readouterr())
+    assert not Path(out).exists()
+
+
+def without_fps(path: str) -> None:
+    with h5py.File(path, "r+") as file:
+        del file.attrs["fps"]
+
+
+def not_a_number(path: str) -> None:
+    with h5py.File(path, "r+") as file:
+        file["vertices"][2, 5, 0] = np.nan
+
+
+def short(path: str) -> None:
+    Path(path).write_bytes(Path(path).read_bytes()[:-3000])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (without_fps, "fps"),
+        (not_a_number, "clip waltz: vertex 5 of frame 2 is"),
+        (short, "waltz.h5"),
+    ],
+)
+def test_train_refuses_spoilt_clips(tmp_path: Path, config, monkeypatch, capsys, spoil, sentence):
+    path = write_clip(tmp_path / "data" / "waltz.h5", 6, scene=SCENE, encoding="float32")
+    spoil(str(path))
+    words = [
+        config,
+        "--data",
+        str(tmp_path / "data"),
+        "--run-dir",
+        str(tmp_path / "run"),
+        "--data.validation",
+        "",
+    ]
+    assert sentence in refused(call(train, words, monkeypatch), capsys.readouterr())
+
+
+def test_train_refuses_what_it_is_asked(tmp_path: Path, config, monkeypatch, capsys):
+    run, data = str(tmp_path / "run"), str(tmp_path / "data")
+    (tmp_path / "data").mkdir()
+    prepare_run(tmp_path / "used", CONFIG)
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[motion]\ngrue = 3\n")
+    for words, sentence in (
+        (["nowhere.toml"], "No configuration file 'nowhere.toml'"),
+        ([str(broken)], "unknown key in [motion] 'grue'"),
+        ([config, "--motion.grue", "3"], "Did you mean 'gru'?"),
+        ([config, "--motion.gru", "wide"], "motion.gru = 'wide' must be a whole number"),
+        (
+            [config, "--stage", "sewing"],
+            "--stage 'sewing' is unknown; choose all, generative, motion, detail",
+        ),
+        ([config, "--run-dir", run, "--stage", "motion"], "holds no finished generative stage"),
+        ([config, "--run-dir", run, "--data", data], "holds no training clips"),
+    ):
+        assert sentence in refused(call(train, words, monkeypatch), capsys.readouterr())
+    assert not (tmp_path / "run" / "config.toml").exists()
+
+
+def test_train_refuses_a_run_of_another_configuration(tmp_path: Path, config, monkeypatch, capsys):
+    write_clip(tmp_path / "data" / "waltz.h5", 6, scene=SCENE)
+    words = [
+        config,
+        "--data",
+        str(tmp_path / "data"),
+        "--data.validation",
+        "",
+        "--run-dir",
+        str(tmp_path / "run"),
+    ]
+    prepare_run(tmp_path / "run", CONFIG)
+    said = refused(call(train, words, monkeypatch), capsys.readouterr())
+    assert "belongs to another run (data.validation = ['waltz_3'], not []); use another --run-dir" in said
+
+
+@pytest.mark.parametrize("program", ["train.py", "infer.py"])
+def test_help_is_quick_and_needs_no_jax(program: str):
+    words = (
+        "import sys, runpy\n"
+        f"sys.argv = ['{program}', '--help']\n"
+        f"try: runpy.run_path('{program}', run_name='__main__')\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "assert 'jax' not in sys.modules"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", words], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert "--motion" in result.stdout

@@ -1,0 +1,178 @@
+"""All stages by one command; killed in every one of them, the same command ends bit for bit alike."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from garment_jax.config import to_toml
+from garment_jax.data.sequence import open_sequence
+from garment_jax.rollout.animate import animate_file
+from garment_jax.rollout.model import load_model, save_model
+from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.log import read_log
+from garment_jax.training.pipeline import train, trained_model
+from tests.reference.scene import make_motion, write_clip
+from tests.rollout.tiny_model import CONFIG, SCENE
+
+ROOT = Path(__file__).parents[2]
+STAGES = ("generative", "warm_up", "motion", "detail")
+STEPS = 8  # of every stage
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three short dances to train on, one of them kept back, and one to test with."""
+    folder = tmp_path_factory.mktemp("data")
+    for k, frames in enumerate((20, 17, 14), start=1):
+        motion = make_motion(SCENE, frames, seed=k)
+        write_clip(folder / "train" / f"waltz_{k}.h5", scene=SCENE, motion=motion)
+    write_clip(folder / "test" / "polka.h5", scene=SCENE, motion=make_motion(SCENE, 15, seed=8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory, data_dir: Path) -> Path:
+    """A run that nothing disturbs."""
+    return train(CONFIG, tmp_path_factory.mktemp("whole") / "run", data_dir=data_dir)
+
+
+def state_of(run: Path, stage: str) -> dict:
+    """Everything that the stage's last checkpoint holds."""
+    saved = Checkpointer(run, stage)
+    assert saved.latest() == STEPS, stage
+    return {part: saved.tree(part) for part in ("params", "opt_state", "key", "step", "carry")}
+
+
+def assert_same_bits(a: dict, b: dict) -> None:
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        assert x.tobytes() == y.tobytes()
+
+
+def command(config: Path, data_dir: Path, run: Path) -> list[str]:
+    words = [sys.executable, "train.py", str(config), "--data", str(data_dir), "--run-dir", str(run)]
+    # passed on the command line, as a user would
+    return [*words, "--training.log_every", "1", "--training.checkpoint_seconds=0"]
+
+
+def environment() -> dict[str, str]:
+    """Compiled programs are shared: what the uninterrupted run compiled is not compiled again."""
+    return {**os.environ, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "PYTHONPATH": str(ROOT)}
+
+
+def kill_within(stage: str, words: list[str], run: Path, wait: float) -> subprocess.CompletedProcess:
+    """Start the command and kill it with signal 9, `wait` seconds after the stage's first checkpoint."""
+    process = subprocess.Popen(words, cwd=ROOT, env=environment(), stderr=subprocess.PIPE, text=True)
+    try:
+        saved, deadline = Checkpointer(run, stage), time.monotonic() + 300
+        while saved.latest() is None and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.002)
+        time.sleep(wait)
+    finally:
+        process.kill()
+    _, said = process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, stderr=said)
+
+
+def test_kill_9_in_every_stage_then_the_same_command(tmp_path: Path, data_dir: Path, uninterrupted: Path):
+    config, run = tmp_path / "tiny.toml", tmp_path / "run"
+    config.write_text(to_toml(CONFIG))
+    words, rng = command(config, data_dir, run), random.Random(os.urandom(8))
+    for stage in STAGES:
+        killed = kill_within(stage, words, run, rng.uniform(0.0, 0.1))
+        assert killed.returncode == -signal.SIGKILL, killed.stderr
+        done = Checkpointer(run, stage).latest()
+        assert done is not None
+        assert done <= STEPS
+    whole = subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)
+    assert whole.returncode == 0, whole.stderr
+    assert whole.stdout == f"trained: {run}\n"
+    assert "generative: 8 of 8 steps are done; complete, nothing to do" in whole.stderr
+    for stage in STAGES:
+        assert_same_bits(state_of(run, stage), state_of(uninterrupted, stage))
+        logged = [[e["step"] for e in read_log(r, stage=stage, kind="train")] for r in (run, uninterrupted)]
+        assert logged[0] == logged[1] == list(range(1, STEPS + 1))
+
+
+def test_every_stage_learns_something_and_validates(uninterrupted: Path):
+    for stage in STAGES:
+        losses = [entry["loss"] for entry in read_log(uninterrupted, stage=stage, kind="train")]
+        assert np.isfinite(losses).all()
+        state = state_of(uninterrupted, stage)
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state["params"]))
+    for stage in STAGES[:3]:
+        (last,) = read_log(uninterrupted, stage=stage, kind="validation")
+        assert last["step"] == STEPS
+        assert 0 < last["rmse_cm"] < 100
+        assert last["waltz_3_rmse_cm"] == last["rmse_cm"]
+
+
+def test_a_finished_run_is_left_alone_and_single_stages_join_it(
+    uninterrupted: Path, data_dir: Path, capsys: pytest.CaptureFixture
+):
+    before = (uninterrupted / "log.jsonl").read_bytes()
+    assert train(CONFIG, uninterrupted, data_dir=data_dir, stage="generative") == uninterrupted
+    assert "complete, nothing to do" in capsys.readouterr().err
+    assert (uninterrupted / "log.jsonl").read_bytes() == before
+
+
+def test_the_run_is_a_model_and_16_bits_of_it_animate_alike(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path
+):
+    model = trained_model(uninterrupted)
+    assert set(model.params) == {"generative", "motion", "detail"}
+    assert (model.config, model.vertices, model.fps) == (CONFIG, len(SCENE.garment.template), 30.0)
+    small = trained_model(save_model(model, tmp_path / "model"))
+    assert load_model(tmp_path / "model").garment_hash == small.garment_hash == model.garment_hash
+    clip, made = data_dir / "test" / "polka.h5", []
+    for name, which in (("full", model), ("half", small)):
+        animate_file(which, clip, tmp_path / f"{name}.h5", collision=False)
+        with open_sequence(tmp_path / f"{name}.h5") as sequence:
+            made.append(sequence.read(0, 15))
+    assert 0 < np.sqrt(np.square(made[1] - made[0]).sum(axis=-1).mean()) < 0.01
+
+
+def test_a_run_that_goes_on_animates_with_what_it_has(tmp_path: Path, data_dir: Path, uninterrupted: Path):
+    """Before the detail stage, and before the motion stage's first checkpoint, there is a model already."""
+    from shutil import copytree
+
+    early = tmp_path / "early"
+    copytree(uninterrupted / "checkpoints" / "generative", early / "checkpoints" / "generative")
+    with pytest.raises(
+        ValueError, match=r"has not trained its motion stage yet; run train\.py --stage motion"
+    ):
+        trained_model(early)
+    copytree(uninterrupted / "checkpoints" / "warm_up", early / "checkpoints" / "warm_up")
+    (early / "checkpoints" / "warm_up" / "9.partial").mkdir()
+    model = trained_model(early)
+    assert set(model.params) == {"generative", "motion"}
+    assert_same_bits(
+        jax.tree.map(np.asarray, model.params["motion"]),
+        Checkpointer(uninterrupted, "warm_up").tree("params"),
+    )
+    assert (early / "checkpoints" / "warm_up" / "9.partial").is_dir()  # what is being written stays
+    with pytest.raises(FileNotFoundError, match=r"holds no config\.toml; name a run of train\.py"):
+        trained_model(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(("stage", "missing"), [("motion", "generative"), ("detail", "generative")])
+def test_a_stage_without_its_predecessor_is_refused(tmp_path: Path, data_dir: Path, stage: str, missing: str):
+    sentence = f"holds no finished {missing} stage; train it first with --stage {missing}"
+    with pytest.raises(ValueError, match=sentence):
+        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage=stage)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_stage_is_refused(tmp_path: Path, data_dir: Path):
+    with pytest.raises(
+        ValueError, match="--stage 'sewing' is unknown; choose all, generative, motion, detail"
+    ):
+        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="sewing")
