@@ -12,7 +12,7 @@ from garment_jax.generative.principal import begin_linear
 from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.structs import TrainState
 from garment_jax.training.optimiser import make_optimiser
-from garment_jax.training.run import Run, optimise, say
+from garment_jax.training.run import Run, checkpointer, optimise, say
 
 START_FRAMES = 2_400  # frames whose principal components the model begins from
 
@@ -48,10 +48,13 @@ def train_generative(run: Run) -> dict:
 
 
 def begin_generative(run: Run) -> dict:
-    """Return the parameters that stage 1 begins from."""
+    """Return the parameters that stage 1 begins from.
+
+    Where there is a checkpoint only their structure is wanted, so the principal components are left out.
+    """
     config = run.config.generative
     params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
-    if not config.linear_skip:
+    if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)
     say(f"generative: principal components of {len(V)} frames")
