@@ -25,7 +25,7 @@ from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.template import STD_FLOOR, Statistics
-from garment_jax.data.validation import check_clip, check_same_garment
+from garment_jax.data.validation import check_clip, check_input, check_same_garment
 from garment_jax.geometry.skinning import unskin_fixed_point
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.structs import Motion, Scene
@@ -73,6 +73,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
     """
     paths = training_clips(folder, config.data.validation)
     with open_sequence(paths[0]) as first:
+        check_input(first, joints=config.body.motion_joints)  # before seeds are sought in another unit
         scene, garment_name, fps = first.scene, first.name, first.fps
     seeds = make_seeds(scene, config.body.seeds)
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
