@@ -2,14 +2,15 @@
 
     python benchmarks/skirt.py models/skirt data/skirt/test --json docs/figures/skirt.json
 
-Every clip begins from the skinned template; the truth is only compared with. Rows: the whole model, parts left
-out, further runs given with --also NAME=RUN (such as the ablation without the previous state), the
-reconstruction of the truth by the auto-encoder, and the skinned template. Milliseconds a frame are single stream:
-whole rollouts through `animate` (posing of pins and collider included), the first chunk not counted.
+Every clip begins from the skinned template; the truth is only compared with. Rows: the whole model, parts
+left out, further runs given with --also NAME=RUN (such as the ablation without the previous state), the
+reconstruction of the truth by the auto-encoder, and the skinned template. Milliseconds a frame are single
+stream: whole rollouts through `animate` (posing of pins and collider included), the first chunk not counted.
 """
 
 import argparse
 import json
+import os
 import platform
 import time
 from datetime import date
@@ -100,12 +101,13 @@ def main() -> None:
     rows: dict[str, dict] = {}
     for name, (chosen, settings) in variants.items():
         results = [rolled_out(chosen, clip, **settings) for clip in clips]
-        rows[name] = {"rmse_cm": [r for r, _ in results], "ms_per_frame": float(np.median([m for _, m in results]))}
+        speed = float(np.median([m for _, m in results]))
+        rows[name] = {"rmse_cm": [r for r, _ in results], "ms_per_frame": speed}
         print(name, rows[name], flush=True)
     rows["auto-encoder of the truth"] = {"rmse_cm": [reconstructed(model, clip) for clip in clips]}
     rows["skinned template"] = {"rmse_cm": [skinned(model, clip) for clip in clips]}
     names = [clip.name for clip in clips]
-    machine = f"{platform.machine()}, {jax.local_device_count()} {jax.default_backend()} device, jax {jax.__version__}"
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, {jax.default_backend()}, jax {jax.__version__}"
     print(f"\n{date.today()}, {machine}\n")
     print(f"| RMSE cm | {' | '.join(names)} | mean | ms/frame |\n|{'---|' * (len(names) + 3)}")
     for name, row in rows.items():

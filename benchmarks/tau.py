@@ -1,6 +1,6 @@
 """The length tau of the softmax skinning weights against the strain of the unposed garment.
 
-    python benchmarks/tau.py data/skirt/train --clips 3 --every 40
+python benchmarks/tau.py data/skirt/train --clips 3 --every 40
 """
 
 import argparse
@@ -50,8 +50,8 @@ def main() -> None:
         one = lambda v, R, t: unskin_fixed_point(v, T, seeds.points, R, t, tau=tau, iterations=3)  # noqa: E731
         return jax.vmap(one)(V, R, t)
 
-    print("| τ m | mean strain % | strain p99 % | from T, RMS cm | over frames, RMS cm | largest condition |")
-    print("|---|---|---|---|---|---|")
+    names = ["τ m", "mean strain %", "strain p99 %", "from T, RMS cm", "over frames, RMS cm"]
+    print("| " + " | ".join([*names, "largest condition"]) + " |\n|---|---|---|---|---|---|")
     for tau in TAUS:
         result = unpose(np.concatenate(V), np.concatenate(R), np.concatenate(t), tau)
         T_tilde = np.asarray(result.T_tilde)
@@ -60,8 +60,8 @@ def main() -> None:
         away = 100 * np.sqrt(np.square(T_tilde - T).sum(-1).mean())
         spread = 100 * np.sqrt(np.square(T_tilde - T_tilde.mean(0)).sum(-1).mean())
         print(
-            f"| {tau:g} | {strain.mean():.1f} | {np.percentile(strain, 99):.0f} | {away:.1f} | {spread:.1f} | "
-            f"{np.asarray(result.condition).max():.2f} |"
+            f"| {tau:g} | {strain.mean():.1f} | {np.percentile(strain, 99):.0f} | {away:.1f} "
+            f"| {spread:.1f} | {np.asarray(result.condition).max():.2f} |"
         )
 
 
