@@ -49,12 +49,12 @@ def side_by_side(
     def init(params: Any) -> dict:
         return {name: optimisers[name].init(params[name]) for name in params}
 
-    def update(gradient: Any, state: Any, params: Any = None) -> tuple[dict, dict]:
-        updates, new = {}, {}
-        for name in gradient:
+    def update(updates: Any, state: Any, params: Any = None) -> tuple[dict, dict]:
+        moves, new = {}, {}
+        for name in updates:
             own = None if params is None else params[name]
-            updates[name], new[name] = optimisers[name].update(gradient[name], state[name], own)
-        return updates, new
+            moves[name], new[name] = optimisers[name].update(updates[name], state[name], own)
+        return moves, new
 
     return optax.GradientTransformation(init, update)
 

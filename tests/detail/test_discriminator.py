@@ -30,10 +30,11 @@ def test_three_scales(size, sides):
 
 
 def test_scores_are_finite_and_differ_from_garment_to_garment():
-    batch, D = small_batch(), small_players()["D"]
-    judge = jax.jit(lambda V: discriminate(D, V, template=small_template(), config=CONFIG))
+    config = dataclasses.replace(CONFIG, channels=(4, 6, 6))  # half the time to compile
+    batch, D = small_batch(), small_players(config)["D"]
+    judge = jax.jit(lambda V: discriminate(D, V, template=small_template(), config=config))
     scores = judge(batch.V_star)
-    assert [score.shape for score in scores] == [(4, side, side) for side in (8, 4, 2)]
+    assert [score.shape for score in scores] == [(4, side, side) for side in (8, 4)]
     for score in scores:
         assert np.isfinite(score).all()
         assert np.asarray(score).std(axis=0).max() > 1e-3

@@ -20,30 +20,25 @@ STEPS = 400
 # one scale and the paper's map: a third of the time to compile
 TWO = dataclasses.replace(CONFIG, channels=(4, 6), wrinkle_map=False)
 ALONE = dataclasses.replace(CONFIG, lambda_adversarial=0.0)
+LEAST = dataclasses.replace(TWO, features=(4,), code_features=(4,), hidden=0, vertex_code=0)
 OPTIMISER = side_by_side({"G": optax.adam(5e-3), "D": optax.adam(2e-4)})
 
 
-def run(config):
-    """Some hundred steps on one batch: last state and every 50th step's metrics."""
+def begin(config):
     params = small_players(config)
-    state = TrainState(params, OPTIMISER.init(params), fast_key(0), jnp.int32(0))
-    step = make_detail_train_step(small_template(), config, OPTIMISER)
-    batch, metrics = small_batch(), []
+    return TrainState(params, OPTIMISER.init(params), fast_key(0), jnp.int32(0))
+
+
+@pytest.fixture(scope="module")
+def trained():
+    """Some hundred steps on one batch: last state and every 50th step's metrics."""
+    state, batch, metrics = begin(TWO), small_batch(), []
+    step = make_detail_train_step(small_template(), TWO, OPTIMISER)
     for k in range(STEPS):
         state, found = step(state, batch)
         if k % 50 == 0 or k == STEPS - 1:
             metrics.append({name: float(value) for name, value in found.items()})
     return state, metrics
-
-
-@pytest.fixture(scope="module")
-def trained():
-    return run(TWO)
-
-
-@pytest.fixture(scope="module")
-def trained_alone():
-    return run(ALONE)
 
 
 def test_one_batch_is_overfitted(trained):
@@ -66,15 +61,20 @@ def test_the_discriminator_learns_and_its_scores_are_logged(trained):
     assert {"gradient_norm", "gradient_norm_D"} <= set(first)
 
 
-def test_without_an_adversarial_term_there_is_no_discriminator(trained_alone):
-    state, metrics = trained_alone
+def test_without_an_adversarial_term_there_is_no_discriminator():
+    step = make_detail_train_step(small_template(), ALONE, OPTIMISER)
+    state, metrics = jax.eval_shape(step, jax.eval_shape(lambda: begin(ALONE)), small_batch())
     assert set(state.params) == set(state.opt_state) == {"G"}
-    assert not {"adversarial", "discriminator", "score_real", "gradient_norm_D"} & set(metrics[0])
-    assert metrics[-1]["rmse_cm"] < 0.4 * metrics[-1]["rmse_before_cm"]
+    logged = {"vertex", "laplacian", "loss", "rmse_before_cm", "rmse_cm", "gradient_norm"}
+    assert set(metrics) == logged
 
 
 def test_one_gradient_serves_both_players():
-    params, batch, options = small_players(TWO), small_batch(), {"template": small_template(), "config": TWO}
+    params, batch, options = (
+        small_players(LEAST),
+        small_batch(),
+        {"template": small_template(), "config": LEAST},
+    )
     # a generator that changes something, or the two garments would be one
     params["G"]["out"] = jax.tree.map(lambda x: 1e3 * x, params["G"]["out"])
 
@@ -87,7 +87,7 @@ def test_one_gradient_serves_both_players():
     def of_G(G, D):
         V_f = enhance(G, batch.V, batch.Z, **options)
         terms = detail_terms(V_f, batch.V_star, **options)
-        return sum(terms.values()).mean() + adversarial_term(judged(D, V_f), config=TWO)
+        return sum(terms.values()).mean() + adversarial_term(judged(D, V_f), config=LEAST)
 
     @jax.jit
     def gradients(params):
