@@ -27,9 +27,9 @@ class CollisionOptions(NamedTuple):
 
     eps: float = 1e-3  # margin outside the body
     slack: float = 2e-5  # how much of the margin may be missing: float32 and the surface's curvature
-    iterations: int = 60  # gradient steps at most
+    iterations: int = 100  # gradient steps at most
     refresh_every: int = 20  # gradient steps between two searches for correspondences
-    tolerance: float = 1e-4  # largest movement between two searches that counts as standing still
+    tolerance: float = 5e-4  # largest movement between two searches that counts as standing still
     projections: int = 8  # projections at the end at most, each with new correspondences
     rings: int = 4  # edges from a contact to the last vertex that may move
     reach: float = 0.02  # vertices farther out than this need no exact correspondence
