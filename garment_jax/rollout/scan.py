@@ -27,7 +27,12 @@ def rollout(
     motion's gates before the scan and, since it is not fed back, detail after it.
     """
     state, Z, V = latent_rollout(params, state, x, template=template, config=config)
-    return state, finish(params, V, Z, template=template, config=config, detail=detail)
+
+    def finished(frame: tuple[jax.Array, jax.Array]) -> jax.Array:
+        return finish(params, *frame, template=template, config=config, detail=detail)
+
+    # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
+    return state, jax.lax.map(finished, (V, Z))
 
 
 def latent_rollout(
