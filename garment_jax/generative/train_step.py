@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 
 from garment_jax.config import GenerativeConfig
@@ -17,8 +18,8 @@ from garment_jax.structs import TrainState
 class GenerativeBatch(NamedTuple):
     """Frames to reconstruct."""
 
-    V_star: jax.Array  # [B, n, 3] metres, root frame
-    T_tilde_star: jax.Array  # [B, n, 3] metres, canonical; by inverse skinning
+    V_star: jax.Array | np.ndarray  # [B, n, 3] metres, root frame
+    T_tilde_star: jax.Array | np.ndarray  # [B, n, 3] metres, canonical; by inverse skinning
 
 
 def generative_loss(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 
 from garment_jax.config import GenerativeConfig, MotionConfig
@@ -23,11 +24,13 @@ class MotionBatch(NamedTuple):
     """One window of every lane; W frames, L lanes."""
 
     x: FrameInput  # leaves [W, L, ...]
-    V_star: jax.Array  # [W, L, n, 3] metres, root frame
-    Z_star: jax.Array  # [W, L, latent] code of the truth
-    weight: jax.Array  # [W, L] how much each frame's error counts
-    fresh: jax.Array  # [L] bool, the lane begins here
-    V_start: jax.Array  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)
+    V_star: jax.Array | np.ndarray  # [W, L, n, 3] metres, root frame
+    Z_star: jax.Array | np.ndarray  # [W, L, latent] code of the truth
+    weight: jax.Array | np.ndarray  # [W, L] how much each frame's error counts
+    fresh: jax.Array | np.ndarray  # [L] bool, the lane begins here
+    V_start: (
+        jax.Array | np.ndarray
+    )  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)
 
 
 def empty_carry(lanes: int, n: int, config: MotionConfig) -> MotionCarry:

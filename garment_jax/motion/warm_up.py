@@ -38,10 +38,10 @@ class WarmUpBatch(NamedTuple):
     """One window of every lane; W frames, L lanes."""
 
     x: FrameInput  # leaves [W, L, ...]
-    Z_star: jax.Array  # [W, L, K]
-    weight: jax.Array  # [W, L]
-    fresh: jax.Array  # [L] bool
-    pooled_start: jax.Array  # [L, p, 3] metres, pooled map of the lane's first V_prev
+    Z_star: jax.Array | np.ndarray  # [W, L, K]
+    weight: jax.Array | np.ndarray  # [W, L]
+    fresh: jax.Array | np.ndarray  # [L] bool
+    pooled_start: jax.Array | np.ndarray  # [L, p, 3] metres, pooled map of the lane's first V_prev
 
 
 class WarmUpCarry(NamedTuple):

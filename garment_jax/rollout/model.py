@@ -78,7 +78,7 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     partial = folder / "parameters.partial.npz"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(partial, **arrays)
+        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
         os.replace(partial, folder / "parameters.npz")
         for name, text in texts.items():
             temporary = folder / f"{name}.partial"

@@ -37,7 +37,7 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
             frames_of(run.data.train[c], np.array([f]), run.data)[0][0]
             for c, f in zip(clips, frames, strict=True)
         ]
-        return DetailBatch(rebuild(codes), jnp.asarray(codes), np.stack(truth))
+        return DetailBatch(rebuild(codes), jnp.asarray(codes), jnp.asarray(np.stack(truth)))
 
     def begin(optimiser) -> TrainState:
         params = init_players(
@@ -73,7 +73,7 @@ def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
     say("detail: rolling out the training clips")
     codes = _rollout_codes(run, {"generative": generative, "motion": motion})
     partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **{str(i): z for i, z in enumerate(codes)})
+    np.savez(partial, **{str(i): z for i, z in enumerate(codes)})  # type: ignore[arg-type]
     os.replace(partial, path)
     return codes
 
