@@ -1,11 +1,10 @@
 """The train step of the garment generative model (paper 3.2)."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from garment_jax.config import GenerativeConfig
@@ -18,8 +17,8 @@ from garment_jax.structs import TrainState
 class GenerativeBatch(NamedTuple):
     """Frames to reconstruct."""
 
-    V_star: jax.Array | np.ndarray  # [B, n, 3] metres, root frame
-    T_tilde_star: jax.Array | np.ndarray  # [B, n, 3] metres, canonical; by inverse skinning
+    V_star: Any  # [B, n, 3] metres, root frame
+    T_tilde_star: Any  # [B, n, 3] metres, canonical; by inverse skinning
 
 
 def generative_loss(

@@ -5,11 +5,10 @@ window with its gradient cut. From the first step of a lane on, the model is fed
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 
 from garment_jax.config import GenerativeConfig, MotionConfig
@@ -24,10 +23,10 @@ class MotionBatch(NamedTuple):
     """One window of every lane; W frames, L lanes."""
 
     x: FrameInput  # leaves [W, L, ...]
-    V_star: jax.Array | np.ndarray  # [W, L, n, 3] metres, root frame
-    Z_star: jax.Array | np.ndarray  # [W, L, latent] code of the truth
-    weight: jax.Array | np.ndarray  # [W, L] how much each frame's error counts
-    fresh: jax.Array | np.ndarray  # [L] bool, the lane begins here
+    V_star: Any  # [W, L, n, 3] metres, root frame
+    Z_star: Any  # [W, L, latent] code of the truth
+    weight: Any  # [W, L] how much each frame's error counts
+    fresh: Any  # [L] bool, the lane begins here
     V_start: (
         jax.Array | np.ndarray
     )  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)

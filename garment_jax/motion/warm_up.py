@@ -8,7 +8,7 @@ the full loop goes on from there.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -38,10 +38,10 @@ class WarmUpBatch(NamedTuple):
     """One window of every lane; W frames, L lanes."""
 
     x: FrameInput  # leaves [W, L, ...]
-    Z_star: jax.Array | np.ndarray  # [W, L, K]
-    weight: jax.Array | np.ndarray  # [W, L]
-    fresh: jax.Array | np.ndarray  # [L] bool
-    pooled_start: jax.Array | np.ndarray  # [L, p, 3] metres, pooled map of the lane's first V_prev
+    Z_star: Any  # [W, L, K]
+    weight: Any  # [W, L]
+    fresh: Any  # [L] bool
+    pooled_start: Any  # [L, p, 3] metres, pooled map of the lane's first V_prev
 
 
 class WarmUpCarry(NamedTuple):
