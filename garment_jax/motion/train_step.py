@@ -27,9 +27,7 @@ class MotionBatch(NamedTuple):
     Z_star: Any  # [W, L, latent] code of the truth
     weight: Any  # [W, L] how much each frame's error counts
     fresh: Any  # [L] bool, the lane begins here
-    V_start: (
-        jax.Array | np.ndarray
-    )  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)
+    V_start: Any  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)
 
 
 def empty_carry(lanes: int, n: int, config: MotionConfig) -> MotionCarry:
