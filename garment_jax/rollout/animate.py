@@ -81,7 +81,7 @@ def animate(
 
 
 def _without_seeds(motion: Motion, scene: Scene, model: Model) -> MotionInput:
-    """Return the inputs of all frames; seeds are needed in the first alone, and are large and slow to pose."""
+    """Return the inputs of all frames; seeds are needed in the first alone, and are large and slow to pose."""  # noqa: E501
     none = Seeds(np.zeros((0, 3), np.float32), np.zeros((0, len(scene.body.joints)), np.float32))
     return motion_input(motion, scene, none, model.config.body.motion_joints)
 
