@@ -12,7 +12,6 @@ import numpy as np
 from garment_jax.body.motion_features import feature_names
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
-from garment_jax.body.seeds import Seeds
 from garment_jax.collision import (
     CollisionOptions,
     CollisionState,
@@ -78,12 +77,6 @@ def animate(
         skip = max(preroll - start, 0)
         if skip < stop - start:
             yield Chunk(finished.V[skip:], finished.deepest[skip:])
-
-
-def _without_seeds(motion: Motion, scene: Scene, model: Model) -> MotionInput:
-    """Return the inputs of all frames; seeds are needed in the first alone, and are large and slow to pose."""  # noqa: E501
-    none = Seeds(np.zeros((0, 3), np.float32), np.zeros((0, len(scene.body.joints)), np.float32))
-    return motion_input(motion, scene, none, model.config.body.motion_joints)
 
 
 def _finisher(
@@ -204,9 +197,11 @@ def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarr
 
     In units of the feature's range (at least 3 of its deviations), the largest over features.
     """
-    M, s = _without_seeds(motion, scene, model).x.M, model.statistics
+    _, seeds = template_for(model, scene, "the clip")
+    joints = model.config.body.motion_joints
+    M = motion_input(motion, scene, seeds, joints).x.M
+    s = model.statistics
     width = np.maximum(s.motion_high - s.motion_low, 3 * s.motion_std)
     beyond = np.maximum(np.maximum(M - s.motion_high, s.motion_low - M), 0.0) / width
     worst = int(np.unravel_index(beyond.argmax(), beyond.shape)[1])
-    names = feature_names(model.config.body.motion_joints)
-    return beyond.max(axis=1).astype(np.float32), names[worst]
+    return beyond.max(axis=1).astype(np.float32), feature_names(joints)[worst]
