@@ -148,7 +148,7 @@ class Config:
 
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
-    | {"batch", "gru", "window", "lanes", "features", "code_features", "learning_rate", "eps"}
+    | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
     | {"log_every", "chunk"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them.
