@@ -28,7 +28,6 @@ def format_description(path: str, facts: dict[str, Any]) -> str:
 
 def _describe_sequence(sequence: Sequence) -> dict[str, Any]:
     garment, body = sequence.scene.garment, sequence.scene.body
-    extent = measure_extent(sequence)
     pins, collider = sequence.scene.pins, sequence.scene.collider
     facts: dict[str, Any] = {
         "kind": sequence.attributes.get("kind", "unknown"),
@@ -53,10 +52,12 @@ def _describe_sequence(sequence: Sequence) -> dict[str, Any]:
             "joint_names": list(body.joint_names),
             "hash": body_hash(body),
         },
-        "extent_m": [[round(float(value), 3) for value in corner] for corner in (extent.low, extent.high)],
-        "reach_m": round(extent.reach, 4),
-        "movement_m": round(extent.movement, 4),
     }
+    if sequence.encoding != "none":
+        extent = measure_extent(sequence)
+        corners = (extent.low, extent.high)
+        facts["extent_m"] = [[round(float(value), 3) for value in corner] for corner in corners]
+        facts["reach_m"], facts["movement_m"] = round(extent.reach, 4), round(extent.movement, 4)
     shown = {*facts, "kind", "fps", "length_unit", "up_axis"}
     facts |= {key: value for key, value in sequence.attributes.items() if key not in shown}
     if sequence.extra_names:

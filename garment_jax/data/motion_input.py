@@ -14,8 +14,8 @@ class MotionInput(NamedTuple):
     """Everything a rollout reads of a motion; `t` frames."""
 
     x: FrameInput  # leaves [t, ...] float32
-    R_seed: np.ndarray  # [t, m, 3, 3] float32, canonical -> posed, root frame
-    t_seed: np.ndarray  # [t, m, 3] float32 metres
+    R_seed: np.ndarray  # [s, m, 3, 3] float32, canonical -> posed, root frame; s = t unless asked for fewer
+    t_seed: np.ndarray  # [s, m, 3] float32 metres
     root: np.ndarray  # [t, 3] float64 world position of the root joint, metres
     yaw: np.ndarray  # [t] float64 heading, radians
 
@@ -24,14 +24,24 @@ class MotionInput(NamedTuple):
         return FrameInput(*(leaf[t] for leaf in self.x))
 
 
-def motion_input(motion: Motion, scene: Scene, seeds: Seeds, joints: tuple[str, ...]) -> MotionInput:
+def motion_input(
+    motion: Motion,
+    scene: Scene,
+    seeds: Seeds,
+    joints: tuple[str, ...],
+    *,
+    seed_frames: int | None = None,
+) -> MotionInput:
     """Return the inputs of `motion` for the garment and body of `scene`.
 
-    `joints` are those whose motion the network sees. Raises `ValueError` for a joint the body lacks.
+    `joints` are those whose motion the network sees; seeds are posed in the first `seed_frames` frames (a
+    rollout reads frame 0 alone, and their polar decompositions are most of the work). Raises `ValueError`
+    for a joint the body lacks.
     """
     root = motion.root.astype(np.float64)
     yaw = heading(motion.rotations[:, 0])
     turn, shift = carry_over(root, yaw)
-    R_seed, t_seed = seed_transforms(seeds, scene, motion, yaw)
+    posed = Motion(motion.rotations[:seed_frames], motion.root[:seed_frames], motion.fps)
+    R_seed, t_seed = seed_transforms(seeds, scene, posed, yaw[:seed_frames])
     M = motion_features(motion, scene.body, joints)
     return MotionInput(FrameInput(M, turn, shift), R_seed, t_seed, root, yaw)

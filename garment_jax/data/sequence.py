@@ -14,7 +14,7 @@ import numpy as np
 from garment_jax.data import layout
 from garment_jax.data.attributes import check_attributes
 from garment_jax.data.hdf5 import dataset, open_hdf5, plain, read_window
-from garment_jax.data.sequence_writer import DEFAULT_SCALE, SequenceWriter
+from garment_jax.data.sequence_writer import DEFAULT_SCALE, MOTION_ONLY, SequenceWriter
 from garment_jax.structs import Motion, Scene
 
 __all__ = ["DEFAULT_SCALE", "Sequence", "SequenceWriter", "open_sequence"]
@@ -24,7 +24,7 @@ class Sequence:
     """An open sequence file; use it in a `with` statement (see `open_sequence`).
 
     `scene` and `motion` are read whole (small), vertices by windows. All values are metres, world
-    frame, Y up.
+    frame, Y up. A file of kind "motion" holds no vertices: a motion to be animated.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -51,6 +51,11 @@ class Sequence:
         where the file is damaged.
         """
         self._check_window(start, stop)
+        if self._vertices is None:
+            raise ValueError(
+                f"{self.path} holds a motion without garment vertices; animate it with infer.py or name a "
+                "simulated clip."
+            )
         stored = read_window(self._vertices, start, stop, self.path)
         if self._scale is None:
             return stored.astype(np.float32, copy=False)
@@ -64,7 +69,9 @@ class Sequence:
 
     @property
     def encoding(self) -> str:
-        """How vertices are stored: "int16" (relative to the root) or "float32" (world)."""
+        """How vertices are stored: "int16" (relative to the root), "float32" (world) or "none"."""
+        if self._vertices is None:
+            return "none"
         return "float32" if self._scale is None else "int16"
 
     @property
@@ -134,7 +141,11 @@ def _read_array(data: h5py.Dataset, field: layout.Field, where: str) -> np.ndarr
         raise ValueError(f"{where}: `{field.name}` has type {data.dtype}; store {kind}.") from error
 
 
-def _find_vertices(file: h5py.File, sizes: dict[str, int], where: str) -> tuple[h5py.Dataset, float | None]:
+def _find_vertices(
+    file: h5py.File, sizes: dict[str, int], where: str
+) -> tuple[h5py.Dataset | None, float | None]:
+    if file.attrs.get("kind") == MOTION_ONLY:
+        return None, None
     vertices = dataset(file, "vertices", where)
     expected = (sizes["t"], sizes["n"], 3)
     if vertices.shape != expected:

@@ -14,6 +14,7 @@ from garment_jax.data.guarded_file import GuardedFile
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
+MOTION_ONLY = "motion"  # attribute `kind` of a file without vertices
 _CHUNK_BYTES = 262_144  # a few hundred kB: one window is a few chunks, one frame never costs a clip
 
 
@@ -25,7 +26,8 @@ class SequenceWriter:
     renamed at the end; on any error nothing is left and an older file stays as it was.
 
     `encoding="int16"` stores positions relative to the motion's root in steps of `scale` metres and
-    refuses what is out of reach; "float32" stores world metres. `attributes` are free (name, source,
+    refuses what is out of reach; "float32" stores world metres; "none" stores a motion alone, to be
+    animated (attribute kind = "motion", nothing to append). `attributes` are free (name, source,
     split, kind = "simulated" or "predicted", …).
     """
 
@@ -40,8 +42,8 @@ class SequenceWriter:
         attributes: dict | None = None,
     ) -> None:
         self.path = Path(path)
-        if encoding not in ("int16", "float32"):
-            raise ValueError(f"encoding={encoding!r} is unknown; choose 'int16' or 'float32'.")
+        if encoding not in ("int16", "float32", "none"):
+            raise ValueError(f"encoding={encoding!r} is unknown; choose 'int16', 'float32' or 'none'.")
         if not 0 < scale < 1:
             raise ValueError(f"scale={scale} metres per step is out of range; {DEFAULT_SCALE} is usual.")
         if not 0 < motion.fps < 10_000:
@@ -58,6 +60,9 @@ class SequenceWriter:
             "scene_hash": scene_hash(scene),
         }
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self._motion_only = encoding == "none"
+        if self._motion_only:
+            self._attributes["kind"] = MOTION_ONLY
         self._written = 0
 
     def append(self, vertices: ArrayLike) -> None:
@@ -66,6 +71,8 @@ class SequenceWriter:
         Raises ValueError for a wrong shape, too many frames, values that are not finite or out of
         int16's reach; OSError when the disk is full.
         """
+        if self._motion_only:
+            raise ValueError(f"{self.path} is written as a motion alone; give another encoding for vertices.")
         given = np.asarray(vertices)
         given = given[None] if given.ndim == 2 else given
         start, stop = self._written, self._written + len(given)
@@ -92,7 +99,8 @@ class SequenceWriter:
         self._file = h5py.File(self._disk, "w")
         try:
             self._file.attrs.update(self._attributes)
-            self._vertices = self._create_vertices()
+            if not self._motion_only:
+                self._vertices = self._create_vertices()
             for name, array in self._arrays.items():
                 data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
                 self._file.create_dataset(name, data=data, **_packing(array))
@@ -157,7 +165,7 @@ class SequenceWriter:
         return steps.astype(np.int16)
 
     def _check_complete(self) -> None:
-        if self._written != self._sizes["t"]:
+        if not self._motion_only and self._written != self._sizes["t"]:
             raise ValueError(
                 f"{self.path}: {self._written} frames written of {self._sizes['t']} in the motion; nothing "
                 "was saved, write as many frames as the motion has."

@@ -33,6 +33,7 @@ def check_clip(sequence: Sequence, *, joints: Iterable[str] = (), window: int = 
     Raises ValueError naming the clip, and the frame where there is one.
     """
     check_input(sequence, joints=joints)
+    check_moves(sequence.motion, f"clip {sequence.name}")
     extent = measure_extent(sequence, window=window)
     name = f"clip {sequence.name}"
     if not SMALLEST <= extent.reach <= LARGEST:
@@ -73,7 +74,7 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
 
 
 def check_motion(motion: Motion, name: str) -> None:
-    """Raise ValueError if rotations are none, the root jumps, or nothing moves."""
+    """Raise ValueError if rotations are none or the root jumps."""
     R = motion.rotations.astype(np.float64)
     error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(1, 2, 3))
     if error.max() > 1e-2 or np.linalg.det(R).min() < 0:
@@ -85,6 +86,11 @@ def check_motion(motion: Motion, name: str) -> None:
             f"{name}: the root moves at {speed.max():.4g} m/s in frame {int(speed.argmax()) + 1}; check for "
             "centimetres, a wrong fps or a jump, and convert or cut it."
         )
+
+
+def check_moves(motion: Motion, name: str) -> None:
+    """Raise ValueError if a clip to train on holds one pose (a frozen pose may well be animated)."""
+    R = motion.rotations.astype(np.float64)
     turned = float(np.abs(R - R[:1]).max())
     if max(turned, float(np.abs(motion.root - motion.root[:1]).max())) < STILL:
         raise ValueError(f"{name} is static: its {len(R)} frames hold one pose; leave it out.")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from garment_jax.body.motion_features import feature_names
+from garment_jax.body.motion_features import feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
 from garment_jax.collision import (
@@ -63,7 +63,7 @@ def animate(
         )
     template, seeds = template_for(model, scene, name)
     whole = with_preroll(motion, preroll)
-    inputs = motion_input(whole, scene, seeds, model.config.body.motion_joints)
+    inputs = motion_input(whole, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     V_start = skinned_template(model, template, seeds, inputs)
     chunk = model.config.rollout.chunk
     finish = _finisher(model, scene, whole, inputs, template, collision=collision)
@@ -197,9 +197,8 @@ def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarr
 
     In units of the feature's range (at least 3 of its deviations), the largest over features.
     """
-    _, seeds = template_for(model, scene, "the clip")
     joints = model.config.body.motion_joints
-    M = motion_input(motion, scene, seeds, joints).x.M
+    M = motion_features(motion, scene.body, joints)
     s = model.statistics
     width = np.maximum(s.motion_high - s.motion_low, 3 * s.motion_std)
     beyond = np.maximum(np.maximum(M - s.motion_high, s.motion_low - M), 0.0) / width

@@ -189,3 +189,28 @@ def test_other_files_are_refused_in_a_sentence(tmp_path: Path):
         open_sequence(tmp_path / "text.h5")
     with pytest.raises(FileNotFoundError, match="no such file"):
         open_sequence(tmp_path / "nowhere.h5")
+
+
+def test_a_motion_alone_has_no_vertices(tmp_path: Path):
+    scene = make_scene()
+    motion = make_motion(scene, 12)
+    path = tmp_path / "dance.h5"
+    with (
+        SequenceWriter(path, scene, motion, encoding="none") as writer,
+        pytest.raises(ValueError, match="alone"),
+    ):
+        writer.append(make_vertices(scene, motion))
+    with open_sequence(path) as sequence:
+        assert (sequence.encoding, sequence.attributes["kind"], sequence.frames) == ("none", "motion", 12)
+        np.testing.assert_array_equal(sequence.motion.rotations, motion.rotations)
+        with pytest.raises(
+            ValueError, match=r"dance\.h5 holds a motion without garment vertices; animate it"
+        ):
+            sequence.read(0, 1)
+
+
+def test_a_simulated_clip_without_vertices_is_refused(clip: Path):
+    with h5py.File(clip, "r+") as file:
+        del file["vertices"]
+    with pytest.raises(ValueError, match="vertices"):
+        open_sequence(clip)

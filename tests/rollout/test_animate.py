@@ -9,7 +9,7 @@ from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.config import RolloutConfig
-from garment_jax.data.sequence import open_sequence
+from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.rollout.animate import animate, animate_file, training_range
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.scan import make_rollout
@@ -58,6 +58,17 @@ def test_the_length_of_a_chunk_changes_nothing():
     sizes = [len(chunk.V) for chunk in animate(model, SCENE, motion, collision=False)]
     assert sizes == [16, 16, 5]
     np.testing.assert_allclose(frames_of(other, motion), frames_of(model, motion), atol=1e-5)
+
+
+def test_a_motion_without_vertices_is_animated_and_so_is_a_frozen_pose(tmp_path: Path):
+    moving = make_motion(SCENE, 20)
+    frozen = Motion(moving.rotations[[0] * 20], moving.root[[0] * 20], moving.fps)
+    with SequenceWriter(tmp_path / "pose.h5", SCENE, frozen, encoding="none"):
+        pass
+    animate_file(tiny_model(), tmp_path / "pose.h5", tmp_path / "out.h5", collision=False)
+    with open_sequence(tmp_path / "out.h5") as sequence:
+        assert (sequence.encoding, sequence.attributes["kind"]) == ("int16", "predicted")
+        np.testing.assert_allclose(sequence.read(0, 20), frames_of(tiny_model(), frozen), atol=5e-5)
 
 
 @pytest.mark.parametrize("preroll", [1, 16, 21])
