@@ -18,7 +18,7 @@ from looped_motion import looped_motion
 from measured import peak_mb, report, resident_mb
 
 from garment_jax.data.sequence import open_sequence
-from garment_jax.evaluation.boundary import hem_vertices
+from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.rollout.animate import animate
 from garment_jax.training.pipeline import trained_model
 

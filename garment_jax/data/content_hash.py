@@ -2,9 +2,12 @@
 
 import hashlib
 from collections.abc import Iterable
+from pathlib import Path
 
+import h5py
 import numpy as np
 
+from garment_jax.data.hdf5 import plain
 from garment_jax.structs import Garment, RiggedBody, Scene
 
 
@@ -36,3 +39,12 @@ def _digest(items: Iterable[tuple[str, object]]) -> str:
         digest.update(f"{name}{array.shape}".encode())
         digest.update(data)
     return digest.hexdigest()[:16]
+
+
+def stored_hash(path: Path) -> str | None:
+    """Return a sequence file's attribute `content_hash`; None where there is no file or a damaged one."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(plain(file.attrs.get("content_hash")))
+    except OSError:
+        return None

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from garment_jax.data import layout
+from garment_jax.data.content_hash import stored_hash
 from garment_jax.data.hdf5 import dataset, open_hdf5, plain
 from garment_jax.data.packed_clip import check_packed, check_pins, decode_steps, find_assets, read_scene
 from garment_jax.data.sequence_writer import SequenceWriter
@@ -71,7 +72,7 @@ def import_clip(
             raise ValueError(f"{source}: {path} was just written from another clip; rename one of them.")
         frames = len(dataset(file, "root", str(source)))
         content = _content_hash([source, *(asset for asset in assets if asset is not None)])
-        if _imported_hash(path) == content:
+        if stored_hash(path) == content:
             return ImportedClip(source, path, frames, skipped=True)
         scene = read_scene(file, assets, str(source))
         attributes |= {"name": name, "kind": "simulated", "content_hash": content}
@@ -94,15 +95,6 @@ def _content_hash(paths: Iterable[Path]) -> str:
     for path in paths:
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
-
-
-def _imported_hash(path: Path) -> str | None:
-    """Return the content hash in an earlier import; None where there is none or it is damaged."""
-    try:
-        with h5py.File(path, "r") as file:
-            return str(plain(file.attrs.get("content_hash")))
-    except OSError:
-        return None
 
 
 def _write(path: Path, file: h5py.File, scene: Scene, attributes: dict, where: str) -> None:

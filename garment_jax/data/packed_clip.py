@@ -4,7 +4,6 @@ A packed clip holds int16 double differences of its vertices (over vertices and 
 compress well and read badly. Body, collider and pins are files of their own.
 """
 
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,8 @@ import numpy as np
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.data.attributes import check_units
 from garment_jax.data.hdf5 import dataset, plain
-from garment_jax.structs import Collider, Garment, Motion, Pins, RiggedBody, Scene
+from garment_jax.data.npz import load_body, load_collider, load_pin_file
+from garment_jax.structs import Garment, Motion, Scene
 
 _NEEDED = ("vertices_delta", "root", "rotations", "template", "faces", "uv", "faces_uv")
 _PIN_TOLERANCE = 1e-3  # metres; the shared clips agree within 0.1 mm, another body's pins miss by cm
@@ -84,31 +84,16 @@ def _beside(path: Path, wanted: bool, source: Path) -> Path | None:
 def read_scene(file: h5py.File, assets: Assets, where: str) -> Scene:
     """Return garment, body, collider and pins of a packed clip; the indices in clip and files must agree."""
     garment = Garment(*(dataset(file, name, where)[()] for name in ("template", "faces", "uv", "faces_uv")))
-    keys = ("vertices", "faces", "joints", "parents", "joint_names", "skin_weights")
-    body = RiggedBody(*_load_npz(assets.body, keys))
-    body = body._replace(joint_names=tuple(str(name) for name in body.joint_names))
+    body = load_body(assets.body)
     collider = pins = None
     if assets.collider is not None:
-        collider = Collider(*_load_npz(assets.collider, ("body_vertices", "cap_loop", "faces")))
+        collider = load_collider(assets.collider)
         named = dataset(file, "collider_body_vertices", where)
         _check_equal(collider.body_vertices, named, assets.collider, where)
     if assets.pins is not None:
-        pins = Pins(*_load_npz(assets.pins, ("pins", "pin_weights")))
+        pins = load_pin_file(assets.pins)
         _check_equal(pins.vertices, dataset(file, "pins", where), assets.pins, where)
     return Scene(garment, body, collider, pins)
-
-
-def _load_npz(path: Path, keys: tuple[str, ...]) -> list:
-    """Return the named arrays of an `.npz` file; pickled objects in it are refused like damage."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in keys if key in file}
-    except (zipfile.BadZipFile, EOFError, ValueError, AttributeError, TypeError) as error:
-        raise OSError(f"{path} is damaged or no .npz file of plain arrays; copy it again.") from error
-    missing = [key for key in keys if key not in arrays]
-    if missing:
-        raise ValueError(f"{path}: array {missing[0]!r} is missing; it needs {', '.join(keys)}.")
-    return [arrays[key] for key in keys]
 
 
 def _check_equal(indices: np.ndarray, named: h5py.Dataset, path: Path, where: str) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift
-from garment_jax.evaluation.boundary import hem_vertices
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from garment_jax.evaluation.boundary import boundary_edges
+from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.geometry.topology import unique_edges
 
 SMOOTHINGS = (1, 2, 4, 8)  # dyadic: bands end after 1, 3, 7 and 15 smoothings

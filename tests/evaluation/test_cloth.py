@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from garment_jax.evaluation import cloth
-from garment_jax.evaluation.boundary import boundary_edges
+from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.topology import unique_edges
 from tests.reference.scene import make_scene

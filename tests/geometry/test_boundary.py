@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from garment_jax.evaluation.boundary import boundary_loops, hem_vertices
+from garment_jax.geometry.boundary import boundary_loops, hem_vertices
 from tests.reference.scene import make_scene
 
 

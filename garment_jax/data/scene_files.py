@@ -1,0 +1,68 @@
+"""A scene from files of its parts: rigged body, collider, garment and pins."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from garment_jax.data.npz import load_body, load_collider, load_pin_file
+from garment_jax.data.obj import read_garment
+from garment_jax.geometry.boundary import boundary_loops
+from garment_jax.structs import Garment, Pins, RiggedBody, Scene
+
+_PIN_NEIGHBOURS = 4  # body vertices whose weights a pin blends: the waist turns with all of them
+
+
+def load_scene(
+    garment: str | Path, body: str | Path, *, collider: str | Path | None = None, pins: str = "top"
+) -> Scene:
+    """Return the scene of a garment (.obj) on a body (.npz); `pins` as in `load_pins`."""
+    rigged, cloth = load_body(Path(body)), read_garment(garment)
+    solid = None if collider is None else load_collider(Path(collider))
+    return Scene(cloth, rigged, solid, load_pins(pins, cloth, rigged))
+
+
+def load_pins(spec: str, garment: Garment, body: RiggedBody) -> Pins | None:
+    """Return the garment's pins: "top", "none", "above:HEIGHT" in metres, or an `.npz` file.
+
+    "top" is the highest boundary loop. Weights are those of the nearest body vertices; a file gives its own
+    (arrays `pins` and `pin_weights`). Raises `ValueError` for anything else, or when nothing is found.
+    """
+    if spec == "none":
+        return None
+    if spec.endswith(".npz"):
+        return load_pin_file(Path(spec))
+    if spec == "top":
+        vertices = _top_loop(garment)
+    elif spec.startswith("above:"):
+        vertices = _above(spec, garment)
+    else:
+        raise ValueError(f"--pins {spec!r} is unknown; choose top, none, above:HEIGHT or a file .npz.")
+    return Pins(vertices.astype(np.int32), nearest_weights(garment.template[vertices], body))
+
+
+def nearest_weights(points: np.ndarray, body: RiggedBody) -> np.ndarray:
+    """Return skinning weights `[p, j]` of `points` `[p, 3]`: the nearest body vertices', by 1 / distance."""
+    distance, nearest = KDTree(body.vertices).query(points, k=_PIN_NEIGHBOURS)
+    share = 1.0 / np.maximum(distance, 1e-4)
+    blended = np.einsum("pk,pkj->pj", share, body.skin_weights[nearest].astype(np.float64))
+    return (blended / blended.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+def _top_loop(garment: Garment) -> np.ndarray:
+    loops = boundary_loops(garment.faces)
+    if not loops:
+        raise ValueError("--pins top: the garment has no boundary; name its pins by above:HEIGHT or a file.")
+    return np.sort(max(loops, key=lambda loop: garment.template[loop, 1].mean()))
+
+
+def _above(spec: str, garment: Garment) -> np.ndarray:
+    try:
+        height = float(spec.removeprefix("above:"))
+    except ValueError as error:
+        raise ValueError(f"--pins {spec!r}: give a height in metres, such as above:1.02.") from error
+    vertices = np.flatnonzero(garment.template[:, 1] > height)
+    if not len(vertices):
+        top = float(garment.template[:, 1].max())
+        raise ValueError(f"--pins {spec!r} finds no vertex; the garment's highest is at {top:.3f} m.")
+    return vertices
