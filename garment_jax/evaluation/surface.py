@@ -137,7 +137,9 @@ def _still_possible(
 def _improve(
     best: SurfacePoint, points: np.ndarray, surface: Surface, query: np.ndarray, face: np.ndarray
 ) -> None:
-    """Replace entries of `best` in place by closer ones among the (query, face) pairs."""
+    """Replace entries of `best` in place by closer ones among the (query, face) pairs, which may be none."""
+    if not len(query):
+        return
     tried = closest_on_triangle(points[query], surface.corners[face])
     order = np.lexsort((tried.distance, query))
     first = np.concatenate([[True], query[order][1:] != query[order][:-1]])

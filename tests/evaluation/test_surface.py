@@ -66,3 +66,14 @@ def test_exact_near_and_far_on_a_mesh_with_triangles_of_every_size(spread):
     hit = closest_point(points, make_surface(vertices, faces))
     np.testing.assert_allclose(hit.distance, _brute_force(points, vertices[faces]), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(hit.point - points, axis=1), hit.distance, atol=1e-12)
+
+
+def test_a_class_of_triangles_that_is_near_none_of_the_queries_is_passed_over():
+    """A corner comes within reach of its class's largest triangle, its own triangle is too small to matter."""
+    right = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])  # radius sqrt(1/2) of the longest edge
+    near, middle, large = 0.7 * right, 1.6 * right + [0.0, 0, 1.5], 2.6 * right + [30.0, 0, 0]
+    vertices = np.concatenate([near, near, near, middle, large])
+    surface = make_surface(vertices, np.arange(15).reshape(5, 3))
+    assert [len(group.start) - 1 for group in surface.classes] == [9, 6]
+    hit = closest_point(np.array([[0.2, 0.2, 0.01]]), surface)
+    assert hit.distance[0] == pytest.approx(0.01)
