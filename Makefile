@@ -1,3 +1,4 @@
+# make demo            the whole way without any data: simulate, train, roll out, evaluate, render
 # make test            set up .venv, check style and types, run all tests
 # make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
 # make judge MODEL=DIR  the last three of these, for any trained model
@@ -9,12 +10,19 @@ VENV ?= .venv
 RUN ?= runs/skirt
 IMPORTED ?= data/skirt
 WORKERS ?= 2
+DEMO ?= data/demo
 BIN := $(VENV)/bin
 TESTS := tests
 PREDICTIONS = $(RUN)/test
 MODEL ?= models/skirt
 
-.PHONY: test skirt judge setup lint format lock clean
+.PHONY: demo test skirt judge setup lint format lock clean
+
+# The first target: what `make` alone does. Interrupted at any point, it goes on where it was.
+demo: setup
+	$(BIN)/garment-jax simulate --embedded skirt --workers $(WORKERS) --out $(DEMO)
+	$(BIN)/python train.py configs/demo.toml --data $(DEMO) --run-dir runs/demo
+	@$(MAKE) --no-print-directory judge MODEL=runs/demo RUN=runs/demo IMPORTED=$(DEMO)
 
 test: lint
 	@$(BIN)/python -m pytest -n $(WORKERS) $(TESTS)
@@ -41,7 +49,7 @@ format: setup
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --no-emit-index-url \
-	  --extra test --extra dev --extra tensorboard pyproject.toml -o requirements.lock
+	  --extra test --extra dev --extra tensorboard --extra sim pyproject.toml -o requirements.lock
 
 # Interrupted at any point, the same command goes on where it was.
 skirt: setup

@@ -1,4 +1,4 @@
-"""`garment-jax COMMAND`: import, info, evaluate, render, save.
+"""`garment-jax COMMAND`: simulate, floor, import, info, evaluate, render, save.
 
 Commands import what they need when they run, so that `--help` is quick. What a user can do wrong ends
 in one sentence and exit code 2.
@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 
 from garment_jax import __version__
+
+GARMENTS = ("skirt", "circle_skirt", "dress", "cape")  # as embedded.scene; not imported, to be quick
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,12 +40,102 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"garment-jax {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_simulate(commands)
+    _add_floor(commands)
     _add_import(commands)
     _add_info(commands)
     _add_evaluate(commands)
     _add_render(commands)
     _add_save(commands)
     return parser
+
+
+def _add_simulate(commands) -> None:
+    parser = commands.add_parser("simulate", help="make clips to train on with a cloth engine (extra sim)")
+    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/train and OUT/test")
+    parser.add_argument(
+        "--embedded", choices=GARMENTS, help="a garment on the mannequin and motions that the package makes"
+    )
+    parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
+    parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
+    parser.add_argument("--seed", type=int, default=0, help="of the embedded motions")
+    parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
+    parser.add_argument("--body", type=Path, help="rigged body, .npz")
+    parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
+    parser.add_argument("--pins", default="top", help="top, none, above:HEIGHT or .npz (default top)")
+    parser.add_argument("--motion", nargs="+", type=Path, help="BVH files or folders of them")
+    parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
+    parser.add_argument("--source-fps", type=float, help="true rate of the BVH files, where the header lies")
+    parser.add_argument("--skip", type=int, default=0, help="first BVH frames to drop (rest poses)")
+    parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
+    parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
+    parser.add_argument(
+        "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
+    )
+    parser.set_defaults(run=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from garment_jax.simulation.clips import simulate_clips
+    from garment_jax.simulation.command import bvh_jobs, cloth_settings, embedded_jobs
+
+    settings = cloth_settings(options.cloth)
+    if options.embedded is not None:
+        from garment_jax.embedded.scene import make_outfit
+
+        scene, flat = make_outfit(options.embedded, vertices=options.vertices)
+        jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
+    else:
+        from garment_jax.body.retarget import read_joint_table
+        from garment_jax.data.scene_files import load_scene
+
+        missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
+        if missing:
+            raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
+        scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
+        flat = None
+        jobs = bvh_jobs(
+            options.motion,
+            scene.body,
+            fps=settings.fps,
+            test=options.test,
+            joints=None if options.joints is None else read_joint_table(options.joints),
+            source_fps=options.source_fps,
+            skip=options.skip,
+        )
+    show = partial(print, flush=True)
+    outcomes = simulate_clips(
+        scene, jobs, options.out, settings, flat=flat, workers=options.workers, progress=show
+    )
+    kept = [outcome for outcome in outcomes if outcome.path is not None]
+    print(f"{options.out}: {len(kept)} of {len(outcomes)} clips")
+    if len(kept) < len(outcomes):
+        lost = ", ".join(outcome.job for outcome in outcomes if outcome.path is None)
+        raise ValueError(f"left out: {lost}; the reasons are above.")
+
+
+def _add_floor(commands) -> None:
+    parser = commands.add_parser("floor", help="how far two simulations of the same frames differ")
+    parser.add_argument("clip", type=Path, help="simulated sequence file")
+    parser.add_argument("--start", type=int, default=100, help="frame of the restart (default 100)")
+    parser.add_argument("--frames", type=int, help="how many to simulate (default: to the end)")
+    parser.add_argument("--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="as the clip's own")
+    parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
+    parser.set_defaults(run=_floor)
+
+
+def _floor(options: argparse.Namespace) -> None:
+    from garment_jax.data.sequence import open_sequence
+    from garment_jax.simulation.command import cloth_settings
+    from garment_jax.simulation.floor import floor_of, summary
+
+    with open_sequence(options.clip) as clip:
+        floor = floor_of(clip, cloth_settings(options.cloth), start=options.start, frames=options.frames)
+    figures = summary(floor)
+    if options.json:
+        print(json.dumps(figures | {"rmse_cm_per_frame": floor.rmse_cm.tolist()}))
+    else:
+        print("\n".join(f"{key:<20} {value}" for key, value in figures.items()))
 
 
 def _add_save(commands) -> None:

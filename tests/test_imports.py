@@ -14,6 +14,7 @@ ROOMS = (
     "config",
     "geometry",
     "body",
+    "embedded",
     "data",
     "generative",
     "motion",
@@ -22,6 +23,7 @@ ROOMS = (
     "rollout",
     "training",
     "evaluation",
+    "simulation",
     "cli",
 )
 MODULES = sorted(PACKAGE.rglob("*.py"))

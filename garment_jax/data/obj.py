@@ -53,9 +53,7 @@ def _numbers(words: list[str], count: int, where: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(
-            f"{where}: {' '.join(words)!r} is not {count} finite numbers; export it again."
-        )
+        raise ValueError(f"{where}: {' '.join(words)!r} is not {count} finite numbers; export it again.")
     return values
 
 

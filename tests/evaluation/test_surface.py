@@ -69,7 +69,7 @@ def test_exact_near_and_far_on_a_mesh_with_triangles_of_every_size(spread):
 
 
 def test_a_class_of_triangles_that_is_near_none_of_the_queries_is_passed_over():
-    """A corner comes within reach of its class's largest triangle, its own triangle is too small to matter."""
+    """Its corner is within reach of the class's largest triangle, its own triangle is too small to matter."""
     right = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])  # radius sqrt(1/2) of the longest edge
     near, middle, large = 0.7 * right, 1.6 * right + [0.0, 0, 1.5], 2.6 * right + [30.0, 0, 0]
     vertices = np.concatenate([near, near, near, middle, large])

@@ -1,0 +1,1 @@
+"""Ground truth: cloth on a moving body, simulated with an optional engine (extra `sim`)."""

@@ -1,0 +1,96 @@
+"""`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.body.bvh import read_bvh
+from garment_jax.body.retarget import retarget
+from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
+from garment_jax.simulation.clips import Job
+from garment_jax.simulation.settings import ClothSettings
+from garment_jax.structs import RiggedBody
+
+EMBEDDED_CLIP = 112  # frames of an embedded clip, about
+SHORTEST = 80  # frames that can be split into training and test
+DANCE_SEED = 1_005  # far from the training motions' seeds; with seed 0 it turns and swings
+_SWITCH = {"on": True, "true": True, "off": False, "false": False}
+
+
+def cloth_settings(pairs: Iterable[str]) -> ClothSettings:
+    """Return the settings with `KEY=VALUE` pairs put in; `ValueError` for an unknown key or a wrong value."""
+    known = {field.name: field for field in fields(ClothSettings)}
+    values = {}
+    for pair in pairs:
+        key, _, text = pair.partition("=")
+        if key not in known:
+            raise ValueError(f"--cloth {pair!r}: there is no setting {key!r}; choose of {', '.join(known)}.")
+        values[key] = _parse(pair, text, type(known[key].default))
+    return ClothSettings(**values)
+
+
+def _parse(pair: str, text: str, kind: type) -> float | bool:
+    if kind is bool:
+        if text not in _SWITCH:
+            raise ValueError(f"--cloth {pair!r} is a switch; write on or off.")
+        return _SWITCH[text]
+    try:
+        return kind(text)
+    except ValueError as error:
+        number = "a whole number" if kind is int else "a number"
+        raise ValueError(f"--cloth {pair!r} needs {number}, such as {pair.partition('=')[0]}=10.") from error
+
+
+def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> list[Job]:
+    """Return clips of the embedded motions, `frames` in all: one of each kind in turn, a dance to test on.
+
+    The dance, a quarter of the frames, joins moves in an order and with gestures that no training clip
+    has. Raises `ValueError` when there are too few frames to train and to test on.
+    """
+    if frames < SHORTEST:
+        raise ValueError(
+            f"--frames {frames} are too few to train and to test on; ask for {SHORTEST} or more."
+        )
+    dance = frames // 4
+    clips = max(round((frames - dance) / EMBEDDED_CLIP), 1)
+    jobs = []
+    for k, part in enumerate(np.array_split(np.arange(frames - dance), clips)):
+        kind, turn = MOTIONS[k % len(MOTIONS)], k // len(MOTIONS)
+        motion = make_motion(kind, body, seconds=len(part) / fps, fps=fps, seed=seed + turn)
+        jobs.append(Job(f"{kind}_{turn + 1:02d}", "train", motion))
+    motion = make_dance(body, seconds=dance / fps, fps=fps, seed=seed + DANCE_SEED)
+    return [*jobs, Job("dance", "test", motion)]
+
+
+def bvh_jobs(
+    paths: Sequence[Path],
+    body: RiggedBody,
+    *,
+    fps: float,
+    test: Sequence[str] = (),
+    joints: dict[str, str] | None = None,
+    source_fps: float | None = None,
+    skip: int = 0,
+) -> list[Job]:
+    """Return a clip for every BVH file named, or found in a folder named; those in `test` are for testing.
+
+    Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for.
+    """
+    files = [file for path in paths for file in (sorted(path.glob("*.bvh")) if path.is_dir() else [path])]
+    if not files:
+        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no BVH files; name some with --motion.")
+    missing = sorted(set(test) - {file.stem for file in files})
+    if missing:
+        raise ValueError(f"--test {missing[0]}: there is no such motion; there are {_names(files)}.")
+    jobs = []
+    for file in files:
+        clip = read_bvh(file)
+        motion = retarget(clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip)
+        jobs.append(Job(file.stem, "test" if file.stem in test else "train", motion))
+    return jobs
+
+
+def _names(files: Sequence[Path]) -> str:
+    return ", ".join(file.stem for file in files)

@@ -1,0 +1,58 @@
+"""How predictable is the truth? The same frames simulated from another start (the predictability floor).
+
+No model that does not know how the garment was hanging when the clip began can beat it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.data.sequence import Sequence
+from garment_jax.evaluation.rmse import rmse_per_frame
+from garment_jax.simulation.settings import ClothSettings
+from garment_jax.structs import Motion
+
+
+class Floor(NamedTuple):
+    """The difference between a clip and its restart."""
+
+    clip: str
+    start: int  # the frame that the second simulation began at
+    rmse_cm: np.ndarray  # [t - start] by frame
+
+
+def floor_of(
+    sequence: Sequence,
+    settings: ClothSettings,
+    *,
+    start: int = 100,
+    frames: int | None = None,
+    flat: np.ndarray | None = None,
+) -> Floor:
+    """Simulate frames `start …` of a simulated clip from the draped template; compare with the clip.
+
+    `settings` must be those that the clip was made with. Raises `ValueError` for a start outside the clip.
+    """
+    from garment_jax.simulation.newton_cloth import drape, simulate_frames
+
+    if not 0 < start < sequence.frames:
+        raise ValueError(
+            f"--start {start} is not inside {sequence.name}, which has {sequence.frames} frames; choose a "
+            f"frame from 1 to {sequence.frames - 1}."
+        )
+    stop = sequence.frames if frames is None else min(start + frames, sequence.frames)
+    whole = sequence.motion
+    motion = Motion(whole.rotations[start:stop], whole.root[start:stop], whole.fps)
+    draped = drape(sequence.scene, settings, flat=flat)
+    again = simulate_frames(sequence.scene, motion, settings, drape=draped, flat=flat)
+    V = np.stack([np.asarray(frame, np.float64) for frame in again])
+    return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop).astype(np.float64)))
+
+
+def summary(floor: Floor) -> dict[str, float | str | int]:
+    """Return the figures to report: RMSE in cm at the restart, after 25 frames, after 200 and at the end."""
+    error = floor.rmse_cm
+    at = {0: "at_restart", 25: "after_25", 200: "after_200"}
+    figures = {f"rmse_cm_{name}": float(error[t]) for t, name in at.items() if t < len(error)}
+    whole = float(np.sqrt(np.square(error).mean()))
+    return {"clip": floor.clip, "start": floor.start, **figures, "rmse_cm": whole}

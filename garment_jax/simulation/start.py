@@ -1,0 +1,64 @@
+"""How a clip begins: the cloth settles in the canonical pose, the body takes the first pose and waits."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from garment_jax.body.root_frame import heading, yaw_matrix
+from garment_jax.simulation.settings import ClothSettings
+from garment_jax.structs import Motion, RiggedBody
+
+
+class ClothState(NamedTuple):
+    """A cloth at rest or in motion (plain arrays; root frame: the root at 0, heading +Z)."""
+
+    positions: np.ndarray  # [n, 3] float32, metres
+    velocities: np.ndarray  # [n, 3] float32, m/s
+
+
+def start_motion(motion: Motion, body: RiggedBody, settings: ClothSettings) -> Motion:
+    """Return the frames before a clip's first: canonical pose, a smoothstep blend, the first pose.
+
+    `settings.settle + blend + hold` frames. The root stands at the first frame's place and heading all
+    along: only the pose changes. Joints turn along the shortest arc (slerp of world rotations). Raises
+    `ValueError` for a motion of another body or frame rate.
+    """
+    check_motion(motion, body, settings)
+    first = motion.rotations[0].astype(np.float64)
+    canonical = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
+    u = (np.arange(settings.blend) + 1.0) / max(settings.blend, 1)
+    u = np.concatenate([np.zeros(settings.settle), u * u * (3.0 - 2.0 * u), np.ones(settings.hold)])
+    rotations = np.zeros((len(u), *first.shape))
+    if len(u):
+        for j in range(len(first)):
+            pair = Rotation.from_matrix(np.stack([canonical[j], first[j]]))
+            rotations[:, j] = Slerp([0.0, 1.0], pair)(u).as_matrix()
+    return Motion(rotations, np.repeat(motion.root[:1], len(u), axis=0), motion.fps)
+
+
+def canonical_motion(body: RiggedBody, frames: int, fps: float) -> Motion:
+    """Return `frames` frames of the canonical pose, its root at the origin."""
+    rotations = np.tile(np.eye(3), (frames, len(body.joints), 1, 1))
+    return Motion(rotations, np.zeros((frames, 3)), fps)
+
+
+def check_motion(motion: Motion, body: RiggedBody, settings: ClothSettings) -> None:
+    """Raise `ValueError` for a motion that is empty, of another body or at another rate."""
+    if not len(motion.root):
+        raise ValueError("the motion has no frames; give one at least.")
+    if motion.rotations.shape[1] != len(body.joints):
+        raise ValueError(
+            f"the motion turns {motion.rotations.shape[1]} joints and the body has {len(body.joints)}; "
+            "retarget it to the body."
+        )
+    if abs(motion.fps - settings.fps) > 1e-3 * settings.fps:
+        raise ValueError(f"the motion has {motion.fps:g} fps, the settings {settings.fps:g}; resample it.")
+
+
+def to_world(state: ClothState, root: np.ndarray, yaw: float) -> ClothState:
+    """Return `state` at a root position `[3]` (metres) and heading (radians), in the world."""
+    turn = yaw_matrix(np.array(yaw)).T
+    positions = state.positions.astype(np.float64) @ turn + root
+    velocities = state.velocities.astype(np.float64) @ turn
+    return ClothState(positions.astype(np.float32), velocities.astype(np.float32))

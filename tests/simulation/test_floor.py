@@ -1,0 +1,38 @@
+"""The predictability floor: nothing for a clip that forgets, a refusal for a restart outside it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.data.sequence import open_sequence
+from garment_jax.simulation.floor import Floor, floor_of, summary
+from garment_jax.simulation.settings import ClothSettings
+from tests.reference.scene import write_clip
+
+
+def test_figures_are_those_of_the_curve():
+    figures = summary(Floor("dance", 100, np.linspace(3.0, 1.0, 201)))
+    assert figures["rmse_cm_at_restart"] == 3.0
+    assert figures["rmse_cm_after_25"] == pytest.approx(2.75)
+    assert figures["rmse_cm_after_200"] == 1.0
+    assert figures["rmse_cm"] == pytest.approx(np.sqrt(np.mean(np.linspace(3.0, 1.0, 201) ** 2)))
+
+
+def test_a_restart_outside_the_clip_is_refused(tmp_path: Path):
+    pytest.importorskip("newton")
+    sentence = "--start 12 is not inside clip, which has 12 frames"
+    with (
+        open_sequence(write_clip(tmp_path / "clip.h5", 12)) as clip,
+        pytest.raises(ValueError, match=sentence),
+    ):
+        floor_of(clip, ClothSettings(), start=12)
+
+
+def test_frames_from_the_restart_on_are_compared(tmp_path: Path):
+    pytest.importorskip("newton")
+    settings = ClothSettings(substeps=4, iterations=3, linear_iterations=10, settle=2, blend=1, hold=1)
+    with open_sequence(write_clip(tmp_path / "clip.h5", 12)) as clip:
+        floor = floor_of(clip, settings, start=5, frames=4)
+    assert floor.rmse_cm.shape == (4,)
+    assert np.isfinite(floor.rmse_cm).all()
