@@ -63,10 +63,14 @@ def _add_simulate(commands) -> None:
     parser.add_argument("--body", type=Path, help="rigged body, .npz")
     parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
     parser.add_argument("--pins", default="top", help="top, none, above:HEIGHT or .npz (default top)")
+    parser.add_argument(
+        "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
+    )
     parser.add_argument("--motion", nargs="+", type=Path, help="BVH files or folders of them")
     parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
     parser.add_argument("--source-fps", type=float, help="true rate of the BVH files, where the header lies")
     parser.add_argument("--skip", type=int, default=0, help="first BVH frames to drop (rest poses)")
+    parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
     parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
     parser.add_argument(
@@ -77,7 +81,7 @@ def _add_simulate(commands) -> None:
 
 def _simulate(options: argparse.Namespace) -> None:
     from garment_jax.simulation.clips import simulate_clips
-    from garment_jax.simulation.command import bvh_jobs, cloth_settings, embedded_jobs
+    from garment_jax.simulation.command import bvh_jobs, cloth_settings, embedded_jobs, read_pattern
 
     settings = cloth_settings(options.cloth)
     if options.embedded is not None:
@@ -93,7 +97,7 @@ def _simulate(options: argparse.Namespace) -> None:
         if missing:
             raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
         scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
-        flat = None
+        flat = None if options.pattern is None else read_pattern(options.pattern)
         jobs = bvh_jobs(
             options.motion,
             scene.body,
@@ -102,6 +106,7 @@ def _simulate(options: argparse.Namespace) -> None:
             joints=None if options.joints is None else read_joint_table(options.joints),
             source_fps=options.source_fps,
             skip=options.skip,
+            floor=not options.keep_height,
         )
     show = partial(print, flush=True)
     outcomes = simulate_clips(
@@ -120,17 +125,24 @@ def _add_floor(commands) -> None:
     parser.add_argument("--start", type=int, default=100, help="frame of the restart (default 100)")
     parser.add_argument("--frames", type=int, help="how many to simulate (default: to the end)")
     parser.add_argument("--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="as the clip's own")
+    parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clip's own")
+    parser.add_argument("--out", type=Path, help="also write the second simulation, a sequence file")
     parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
     parser.set_defaults(run=_floor)
 
 
 def _floor(options: argparse.Namespace) -> None:
-    from garment_jax.data.sequence import open_sequence
-    from garment_jax.simulation.command import cloth_settings
+    from garment_jax.data.sequence import SequenceWriter, open_sequence
+    from garment_jax.simulation.command import cloth_settings, read_pattern
     from garment_jax.simulation.floor import floor_of, summary
 
+    settings = cloth_settings(options.cloth)
+    flat = None if options.pattern is None else read_pattern(options.pattern)
     with open_sequence(options.clip) as clip:
-        floor = floor_of(clip, cloth_settings(options.cloth), start=options.start, frames=options.frames)
+        floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
+        if options.out is not None:
+            with SequenceWriter(options.out, clip.scene, floor.motion) as writer:
+                writer.append(floor.V)
     figures = summary(floor)
     if options.json:
         print(json.dumps(figures | {"rmse_cm_per_frame": floor.rmse_cm.tolist()}))

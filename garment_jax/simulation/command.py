@@ -8,6 +8,7 @@ import numpy as np
 
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.retarget import retarget
+from garment_jax.data.hdf5 import open_hdf5
 from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
 from garment_jax.simulation.clips import Job
 from garment_jax.simulation.settings import ClothSettings
@@ -43,6 +44,20 @@ def _parse(pair: str, text: str, kind: type) -> float | bool:
         raise ValueError(f"--cloth {pair!r} needs {number}, such as {pair.partition('=')[0]}=10.") from error
 
 
+def read_pattern(path: Path) -> np.ndarray:
+    """Read a flat pattern `[u, 2]`, metres, a point a UV: `flat` of an .npz, `rest_uv_metres` of an .h5.
+
+    Raises `FileNotFoundError`, or `ValueError` for a file that holds none.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is not there; name the file of the flat pattern.")
+    key = "flat" if path.suffix == ".npz" else "rest_uv_metres"
+    with np.load(path, allow_pickle=False) if path.suffix == ".npz" else open_hdf5(path) as file:
+        if key not in file:
+            raise ValueError(f"{path} holds no array {key!r}; store the pattern's points [u, 2] under it.")
+        return np.asarray(file[key][()])
+
+
 def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> list[Job]:
     """Return clips of the embedded motions, `frames` in all: one of each kind in turn, a dance to test on.
 
@@ -73,9 +88,11 @@ def bvh_jobs(
     joints: dict[str, str] | None = None,
     source_fps: float | None = None,
     skip: int = 0,
+    floor: bool = True,
 ) -> list[Job]:
     """Return a clip for every BVH file named, or found in a folder named; those in `test` are for testing.
 
+    `floor`, `joints`, `source_fps` and `skip` as in `retarget`.
     Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for.
     """
     files = [file for path in paths for file in (sorted(path.glob("*.bvh")) if path.is_dir() else [path])]
@@ -87,7 +104,7 @@ def bvh_jobs(
     jobs = []
     for file in files:
         clip = read_bvh(file)
-        motion = retarget(clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip)
+        motion = retarget(clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip, floor=floor)
         jobs.append(Job(file.stem, "test" if file.stem in test else "train", motion))
     return jobs
 

@@ -18,7 +18,9 @@ class Floor(NamedTuple):
 
     clip: str
     start: int  # the frame that the second simulation began at
-    rmse_cm: np.ndarray  # [t - start] by frame
+    rmse_cm: np.ndarray  # [k] by frame
+    motion: Motion  # of the k frames
+    V: np.ndarray  # [k, n, 3] float32 world metres, the second simulation
 
 
 def floor_of(
@@ -31,22 +33,23 @@ def floor_of(
 ) -> Floor:
     """Simulate frames `start …` of a simulated clip from the draped template; compare with the clip.
 
-    `settings` must be those that the clip was made with. Raises `ValueError` for a start outside the clip.
+    `settings` and `flat` must be those that the clip was made with; from frame 0 the difference is then
+    the engine's own. Raises `ValueError` for a start outside the clip.
     """
     from garment_jax.simulation.newton_cloth import drape, simulate_frames
 
-    if not 0 < start < sequence.frames:
+    if not 0 <= start < sequence.frames:
         raise ValueError(
             f"--start {start} is not inside {sequence.name}, which has {sequence.frames} frames; choose a "
-            f"frame from 1 to {sequence.frames - 1}."
+            f"frame from 0 to {sequence.frames - 1}."
         )
     stop = sequence.frames if frames is None else min(start + frames, sequence.frames)
     whole = sequence.motion
     motion = Motion(whole.rotations[start:stop], whole.root[start:stop], whole.fps)
     draped = drape(sequence.scene, settings, flat=flat)
     again = simulate_frames(sequence.scene, motion, settings, drape=draped, flat=flat)
-    V = np.stack([np.asarray(frame, np.float64) for frame in again])
-    return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop).astype(np.float64)))
+    V = np.stack([np.asarray(frame, np.float32) for frame in again])
+    return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)
 
 
 def summary(floor: Floor) -> dict[str, float | str | int]:

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
@@ -9,7 +7,8 @@ from garment_jax.body.bvh import BvhClip, read_bvh
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.retarget import cmu_joint_table, read_joint_table, retarget
 from garment_jax.body.root_frame import yaw_matrix
-from garment_jax.structs import Motion, RiggedBody
+from garment_jax.structs import RiggedBody
+from tests.reference.files import write_bvh
 from tests.reference.scene import make_body, make_motion, make_scene
 
 BODY = make_body()
@@ -60,43 +59,15 @@ def still(frames: int = 1) -> np.ndarray:
     return np.tile(np.eye(3), (frames, len(NAMES), 1, 1))
 
 
-def write_bvh(path: Path, motion: Motion) -> None:
-    """Write the body's own skeleton, cm, with the channels ZXY."""
-    x, lines, order = BODY.joints.astype(np.float64) * 100, [], []
-
-    def joint(j: int) -> None:
-        order.append(j)
-        offset = x[j] - (x[BODY.parents[j]] if j else x[0])
-        lines.append(
-            f"{'JOINT' if j else 'ROOT'} {NAMES[j]}\n{{\nOFFSET {' '.join(map(repr, offset.tolist()))}"
-        )
-        lines.append(f"CHANNELS {3 if j else 6} {'' if j else 'Xposition Yposition Zposition '}")
-        lines[-1] += "Zrotation Xrotation Yrotation"
-        for child in np.flatnonzero(BODY.parents == j):
-            joint(int(child))
-        lines.append("}")
-
-    joint(0)
-    R = motion.rotations.astype(np.float64)
-    values = [motion.root * 100]
-    for j in order:
-        parent = BODY.parents[j]
-        local = R[:, j] if parent < 0 else np.swapaxes(R[:, parent], -1, -2) @ R[:, j]
-        values.append(Rotation.from_matrix(local).as_euler("ZXY", degrees=True))
-    rows = [" ".join(map(repr, row.tolist())) for row in np.concatenate(values, axis=1)]
-    head = f"MOTION\nFrames: {len(rows)}\nFrame Time: {1 / motion.fps:.6f}"
-    path.write_text("\n".join(["HIERARCHY", *lines, head, *rows]))
-
-
 def test_the_bodys_own_skeleton_gives_the_motion_back(tmp_path):
-    write_bvh(tmp_path / "own.bvh", MOTION)
+    write_bvh(tmp_path / "own.bvh", BODY, MOTION)
     found = retarget(read_bvh(tmp_path / "own.bvh"), BODY, floor=False)
     assert found.fps == 30.0
     assert found.rotations.dtype == np.float32
     assert difference(found.rotations, MOTION.rotations) < 1e-3
     np.testing.assert_allclose(found.root, MOTION.root - MOTION.root[0] * [1, 0, 1], atol=1e-6)
     rest = MOTION._replace(rotations=still(2).astype(np.float32), root=np.tile(BODY.joints[0], (2, 1)))
-    write_bvh(tmp_path / "rest.bvh", rest)
+    write_bvh(tmp_path / "rest.bvh", BODY, rest)
     found = retarget(read_bvh(tmp_path / "rest.bvh"), BODY)
     np.testing.assert_allclose(found.rotations, still(2), atol=1e-6)
     np.testing.assert_allclose(found.root, rest.root, atol=1e-6)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from garment_jax.data.scene_files import load_pins, load_scene, nearest_weights
+from tests.reference.files import write_body, write_obj
 from tests.reference.scene import make_scene
 
 
@@ -13,13 +14,8 @@ from tests.reference.scene import make_scene
 def files(tmp_path: Path) -> dict[str, Path]:
     """The reference scene, part by part."""
     scene = make_scene()
-    body = scene.body._asdict() | {"joint_names": np.array(scene.body.joint_names)}
-    np.savez(tmp_path / "body.npz", **body)
-    g = scene.garment
-    lines = [f"v {x} {y} {z}" for x, y, z in g.template.tolist()] + [f"vt {u} {v}" for u, v in g.uv.tolist()]
-    pairs = np.stack([g.faces, g.faces_uv], axis=-1) + 1
-    lines += ["f " + " ".join(f"{v}/{t}" for v, t in face) for face in pairs.tolist()]
-    (tmp_path / "skirt.obj").write_text("\n".join(lines))
+    write_body(tmp_path / "body.npz", scene.body)
+    write_obj(tmp_path / "skirt.obj", scene.garment)
     return {"garment": tmp_path / "skirt.obj", "body": tmp_path / "body.npz"}
 
 

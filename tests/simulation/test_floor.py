@@ -8,11 +8,12 @@ import pytest
 from garment_jax.data.sequence import open_sequence
 from garment_jax.simulation.floor import Floor, floor_of, summary
 from garment_jax.simulation.settings import ClothSettings
-from tests.reference.scene import write_clip
+from tests.reference.scene import make_motion, make_scene, write_clip
 
 
 def test_figures_are_those_of_the_curve():
-    figures = summary(Floor("dance", 100, np.linspace(3.0, 1.0, 201)))
+    motion = make_motion(make_scene(), 201)
+    figures = summary(Floor("dance", 100, np.linspace(3.0, 1.0, 201), motion, np.zeros((201, 1, 3))))
     assert figures["rmse_cm_at_restart"] == 3.0
     assert figures["rmse_cm_after_25"] == pytest.approx(2.75)
     assert figures["rmse_cm_after_200"] == 1.0
@@ -36,3 +37,5 @@ def test_frames_from_the_restart_on_are_compared(tmp_path: Path):
         floor = floor_of(clip, settings, start=5, frames=4)
     assert floor.rmse_cm.shape == (4,)
     assert np.isfinite(floor.rmse_cm).all()
+    assert floor.V.shape == (4, len(make_scene().garment.template), 3)
+    np.testing.assert_array_equal(floor.motion.root, make_motion(make_scene(), 12).root[5:9])
