@@ -56,9 +56,11 @@ def _add_simulate(commands) -> None:
     parser.add_argument(
         "--embedded", choices=GARMENTS, help="a garment on the mannequin and motions that the package makes"
     )
+    parser.add_argument("--vary", nargs="+", type=Path, help="training clips to simulate varied motions of")
+    parser.add_argument("--copies", type=int, default=1, help="varied motions of each clip (default 1)")
     parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
     parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
-    parser.add_argument("--seed", type=int, default=0, help="of the embedded motions")
+    parser.add_argument("--seed", type=int, default=0, help="of the embedded or varied motions")
     parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
     parser.add_argument("--body", type=Path, help="rigged body, .npz")
     parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
@@ -81,33 +83,25 @@ def _add_simulate(commands) -> None:
 
 def _simulate(options: argparse.Namespace) -> None:
     from garment_jax.simulation.clips import simulate_clips
-    from garment_jax.simulation.command import bvh_jobs, cloth_settings, embedded_jobs, read_pattern
+    from garment_jax.simulation.command import (
+        EMBEDDED_CLOTH,
+        cloth_settings,
+        embedded_jobs,
+        read_pattern,
+        varied_jobs,
+    )
 
-    settings = cloth_settings(options.cloth)
+    settings = cloth_settings([*EMBEDDED_CLOTH.get(options.embedded, []), *options.cloth])
+    flat = None if options.pattern is None else read_pattern(options.pattern)
     if options.embedded is not None:
         from garment_jax.embedded.scene import make_outfit
 
         scene, flat = make_outfit(options.embedded, vertices=options.vertices)
         jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
+    elif options.vary is not None:
+        scene, jobs = varied_jobs(options.vary, copies=options.copies, seed=options.seed)
     else:
-        from garment_jax.body.retarget import read_joint_table
-        from garment_jax.data.scene_files import load_scene
-
-        missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
-        if missing:
-            raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
-        scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
-        flat = None if options.pattern is None else read_pattern(options.pattern)
-        jobs = bvh_jobs(
-            options.motion,
-            scene.body,
-            fps=settings.fps,
-            test=options.test,
-            joints=None if options.joints is None else read_joint_table(options.joints),
-            source_fps=options.source_fps,
-            skip=options.skip,
-            floor=not options.keep_height,
-        )
+        scene, jobs = _own_files(options, settings.fps)
     show = partial(print, flush=True)
     outcomes = simulate_clips(
         scene, jobs, options.out, settings, flat=flat, workers=options.workers, progress=show
@@ -117,6 +111,29 @@ def _simulate(options: argparse.Namespace) -> None:
     if len(kept) < len(outcomes):
         lost = ", ".join(outcome.job for outcome in outcomes if outcome.path is None)
         raise ValueError(f"left out: {lost}; the reasons are above.")
+
+
+def _own_files(options: argparse.Namespace, fps: float) -> tuple:
+    """Return the scene and the clips that a user's own files describe."""
+    from garment_jax.body.retarget import read_joint_table
+    from garment_jax.data.scene_files import load_scene
+    from garment_jax.simulation.command import bvh_jobs
+
+    missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
+    if missing:
+        raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
+    scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
+    jobs = bvh_jobs(
+        options.motion,
+        scene.body,
+        fps=fps,
+        test=options.test,
+        joints=None if options.joints is None else read_joint_table(options.joints),
+        source_fps=options.source_fps,
+        skip=options.skip,
+        floor=not options.keep_height,
+    )
+    return scene, jobs
 
 
 def _add_floor(commands) -> None:

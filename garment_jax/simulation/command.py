@@ -1,22 +1,29 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.retarget import retarget
+from garment_jax.body.vary import vary_motion
+from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.hdf5 import open_hdf5
+from garment_jax.data.sequence import open_sequence
 from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
 from garment_jax.simulation.clips import Job
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.structs import RiggedBody
+from garment_jax.structs import RiggedBody, Scene
 
 EMBEDDED_CLIP = 112  # frames of an embedded clip, about
 SHORTEST = 80  # frames that can be split into training and test
 DANCE_SEED = 1_005  # far from the training motions' seeds; with seed 0 it turns and swings
+# Many folds, or a free front, lie on each other: without self-collision they tangle for good.
+EMBEDDED_CLOTH = {"circle_skirt": ["self_collision=on"], "cape": ["self_collision=on"]}
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
 
@@ -51,11 +58,18 @@ def read_pattern(path: Path) -> np.ndarray:
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path} is not there; name the file of the flat pattern.")
-    key = "flat" if path.suffix == ".npz" else "rest_uv_metres"
-    with np.load(path, allow_pickle=False) if path.suffix == ".npz" else open_hdf5(path) as file:
-        if key not in file:
-            raise ValueError(f"{path} holds no array {key!r}; store the pattern's points [u, 2] under it.")
-        return np.asarray(file[key][()])
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as arrays:
+            pattern = arrays["flat"] if "flat" in arrays else None
+    else:
+        with open_hdf5(path) as file:
+            found = file.get("rest_uv_metres")
+            pattern = found[()] if isinstance(found, h5py.Dataset) else None
+    if pattern is None:
+        raise ValueError(
+            f"{path} holds no array 'flat' (.npz) or dataset 'rest_uv_metres' (.h5); store the points there."
+        )
+    return np.asarray(pattern)
 
 
 def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> list[Job]:
@@ -77,6 +91,29 @@ def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> li
         jobs.append(Job(f"{kind}_{turn + 1:02d}", "train", motion))
     motion = make_dance(body, seconds=dance / fps, fps=fps, seed=seed + DANCE_SEED)
     return [*jobs, Job("dance", "test", motion)]
+
+
+def varied_jobs(paths: Sequence[Path], *, copies: int, seed: int) -> tuple[Scene, list[Job]]:
+    """Return the scene of simulated clips, and `copies` varied motions of each (`vary_motion`), to train on.
+
+    Give training clips only: what is varied from a test clip is no longer unseen. Raises
+    `FileNotFoundError` where there are none, `ValueError` for clips of different scenes.
+    """
+    files = [file for path in paths for file in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
+    if not files:
+        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no clips (*.h5); name some with --vary.")
+    jobs, scene = [], None
+    for file in files:
+        with open_sequence(file) as clip:
+            scene = scene or clip.scene
+            if scene_hash(clip.scene) != scene_hash(scene):
+                raise ValueError(f"{file} has another garment or body than {files[0]}; vary them separately.")
+            for copy in range(1, copies + 1):
+                rng = np.random.default_rng([seed, copy, zlib.crc32(clip.name.encode())])
+                motion = vary_motion(clip.motion, scene.body, rng)
+                jobs.append(Job(f"{clip.name}_v{copy}", "train", motion))
+    assert scene is not None
+    return scene, jobs
 
 
 def bvh_jobs(

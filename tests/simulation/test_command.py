@@ -2,13 +2,21 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from garment_jax.embedded.mannequin import make_mannequin
-from garment_jax.simulation.command import bvh_jobs, cloth_settings, embedded_jobs
+from garment_jax.simulation.command import (
+    bvh_jobs,
+    cloth_settings,
+    embedded_jobs,
+    read_pattern,
+    varied_jobs,
+)
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import RiggedBody
+from tests.reference.scene import make_scene, write_clip
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +78,44 @@ def test_bvh_files_that_are_not_there_are_refused(tmp_path: Path, body):
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
     with pytest.raises(ValueError, match="--test run: there is no such motion; there are walk"):
         bvh_jobs([tmp_path], body, fps=30.0, test=["run"])
+
+
+def test_varied_clips_are_seeded_and_named_after_theirs(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2)):
+        write_clip(tmp_path / f"{name}.h5", 40, seed, attributes={"name": name})
+    scene, jobs = varied_jobs([tmp_path], copies=2, seed=0)
+    assert [job.name for job in jobs] == ["polka_v1", "polka_v2", "waltz_v1", "waltz_v2"]
+    assert {job.split for job in jobs} == {"train"}
+    assert len(scene.body.joint_names) == 22
+    again = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=0)[1][0].motion
+    np.testing.assert_array_equal(jobs[2].motion.rotations, again.rotations)
+    other = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=1)[1][0].motion
+    assert len(other.root) != len(again.root) or np.abs(other.root - again.root).max() > 1e-3
+
+
+def test_clips_of_two_scenes_are_not_varied_together(tmp_path: Path):
+    write_clip(tmp_path / "a.h5", 12)
+    write_clip(tmp_path / "b.h5", 12, scene=make_scene(6, 12))
+    with pytest.raises(ValueError, match=r"b\.h5 has another garment or body than .*a\.h5; vary them"):
+        varied_jobs([tmp_path], copies=1, seed=0)
+    empty = tmp_path / "none"
+    empty.mkdir()
+    with pytest.raises(FileNotFoundError, match="holds no clips"):
+        varied_jobs([empty], copies=1, seed=0)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_a_pattern_is_read_and_its_absence_named(tmp_path: Path, suffix: str):
+    pattern = np.arange(12.0).reshape(6, 2)
+    whole, empty = tmp_path / f"whole{suffix}", tmp_path / f"empty{suffix}"
+    for path, key in ((whole, "flat" if suffix == ".npz" else "rest_uv_metres"), (empty, "other")):
+        if suffix == ".npz":
+            np.savez(path, **{key: pattern})
+        else:
+            with h5py.File(path, "w") as file:
+                file[key] = pattern
+    np.testing.assert_array_equal(read_pattern(whole), pattern)
+    with pytest.raises(ValueError, match="holds no array"):
+        read_pattern(empty)
+    with pytest.raises(FileNotFoundError, match="name the file of the flat pattern"):
+        read_pattern(tmp_path / f"missing{suffix}")
