@@ -60,7 +60,7 @@ def read_pattern(path: Path) -> np.ndarray:
         raise FileNotFoundError(f"{path} is not there; name the file of the flat pattern.")
     if path.suffix == ".npz":
         with np.load(path, allow_pickle=False) as arrays:
-            pattern = arrays["flat"] if "flat" in arrays else None
+            pattern = arrays.get("flat")
     else:
         with open_hdf5(path) as file:
             found = file.get("rest_uv_metres")
