@@ -64,7 +64,9 @@ def _add_simulate(commands) -> None:
     parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
     parser.add_argument("--body", type=Path, help="rigged body, .npz")
     parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
-    parser.add_argument("--pins", default="top", help="top, none, above:HEIGHT or .npz (default top)")
+    parser.add_argument(
+        "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
+    )
     parser.add_argument(
         "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
     )

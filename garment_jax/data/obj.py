@@ -47,6 +47,33 @@ def read_garment(path: str | Path) -> Garment:
     )
 
 
+def read_group(path: str | Path, name: str) -> np.ndarray:
+    """Return the vertices, ascending, of the faces and points under the group or object `name`.
+
+    Raises `ValueError` with the names that the file has.
+    """
+    found: dict[str, set[int]] = {}
+    current: list[str] = []
+    points = 0
+    with Path(path).open(encoding="utf-8", errors="replace") as file:
+        for line in file:
+            words = line.split()
+            if not words:
+                continue
+            if words[0] in ("g", "o"):
+                current = words[1:]
+            elif words[0] == "v":
+                points += 1
+            elif words[0] in ("f", "l", "p"):
+                corners = {_index(int(word.split("/")[0]), points) for word in words[1:]}
+                for group in current:
+                    found.setdefault(group, set()).update(corners)
+    if name not in found:
+        names = ", ".join(sorted(found)) or "none"
+        raise ValueError(f"{path} has no group {name!r} with faces or points; its groups: {names}.")
+    return np.array(sorted(found[name]), np.int32)
+
+
 def _numbers(words: list[str], count: int, where: str) -> list[float]:
     try:
         values = [float(word) for word in words]

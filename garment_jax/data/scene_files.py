@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from garment_jax.data.npz import load_body, load_collider, load_pin_file
-from garment_jax.data.obj import read_garment
+from garment_jax.data.obj import read_garment, read_group
 from garment_jax.geometry.boundary import boundary_loops
 from garment_jax.structs import Garment, Pins, RiggedBody, Scene
 
@@ -16,9 +16,15 @@ _PIN_NEIGHBOURS = 4  # body vertices whose weights a pin blends: the waist turns
 def load_scene(
     garment: str | Path, body: str | Path, *, collider: str | Path | None = None, pins: str = "top"
 ) -> Scene:
-    """Return the scene of a garment (.obj) on a body (.npz); `pins` as in `load_pins`."""
+    """Return the scene of a garment (.obj) on a body (.npz).
+
+    `pins` as in `load_pins`, or "group:NAME" for a group of the OBJ file.
+    """
     rigged, cloth = load_body(Path(body)), read_garment(garment)
     solid = None if collider is None else load_collider(Path(collider))
+    if pins.startswith("group:"):
+        vertices = read_group(garment, pins.removeprefix("group:"))
+        return Scene(cloth, rigged, solid, Pins(vertices, nearest_weights(cloth.template[vertices], rigged)))
     return Scene(cloth, rigged, solid, load_pins(pins, cloth, rigged))
 
 
@@ -37,7 +43,9 @@ def load_pins(spec: str, garment: Garment, body: RiggedBody) -> Pins | None:
     elif spec.startswith("above:"):
         vertices = _above(spec, garment)
     else:
-        raise ValueError(f"--pins {spec!r} is unknown; choose top, none, above:HEIGHT or a file .npz.")
+        raise ValueError(
+            f"--pins {spec!r} is unknown; choose top, none, above:HEIGHT, group:NAME or a file .npz."
+        )
     return Pins(vertices.astype(np.int32), nearest_weights(garment.template[vertices], body))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.data.obj import read_garment
+from garment_jax.data.obj import read_garment, read_group
 
 SQUARE = """# a square of two UV charts
 v 0 1 0
@@ -60,6 +60,14 @@ def test_polygons_become_fans_and_indices_may_count_from_the_end(tmp_path: Path)
 def test_what_is_no_garment_is_refused(tmp_path: Path, text: str, sentence: str):
     with pytest.raises(ValueError, match=sentence):
         read_garment(written(tmp_path, text))
+
+
+def test_a_group_is_the_vertices_of_its_faces_and_points(tmp_path: Path):
+    path = written(tmp_path, SQUARE + "g cloth\nf 1/1 2/2 3/3\ng waist cloth\np 4\nf 1/5 3/3 4/4\n")
+    np.testing.assert_array_equal(read_group(path, "waist"), [0, 2, 3])
+    np.testing.assert_array_equal(read_group(path, "cloth"), [0, 1, 2, 3])
+    with pytest.raises(ValueError, match=r"no group 'belt' with faces or points; its groups: cloth, waist"):
+        read_group(path, "belt")
 
 
 def test_a_missing_file_is_refused(tmp_path: Path):

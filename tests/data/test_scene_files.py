@@ -41,6 +41,14 @@ def test_the_top_is_the_highest_loop_and_a_height_takes_what_is_above(files: dic
     np.testing.assert_array_equal(above.vertices, np.flatnonzero(y > level))
 
 
+def test_a_group_of_the_file_may_be_pinned(files: dict[str, Path]):
+    with files["garment"].open("a") as file:
+        file.write("\ng waist\np 1\np 2 5\n")
+    pins = load_scene(files["garment"], files["body"], pins="group:waist").pins
+    assert pins is not None
+    np.testing.assert_array_equal(pins.vertices, [0, 1, 4])
+
+
 def test_a_point_on_a_body_vertex_has_its_weights():
     body = make_scene().body
     weights = nearest_weights(body.vertices[[3]], body)
