@@ -56,8 +56,6 @@ def simulate_clips(
     The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. A
     clip that fails the screening is named, with the reason, and no file is left.
     """
-    from garment_jax.simulation.newton_cloth import drape
-
     if scene.collider is not None:
         neighbour_faces(scene.collider.faces)  # an open one has no inside: penetration would go unseen
     keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
@@ -70,6 +68,8 @@ def simulate_clips(
         progress(f"{len(jobs) - len(todo)} of {len(jobs)} clips are there already")
     if not todo:
         return [outcomes[i] for i in range(len(jobs))]
+    from garment_jax.simulation.newton_cloth import drape
+
     progress("draping the garment from rest")
     draped = drape(scene, settings, flat=flat)
     tasks = {
