@@ -12,22 +12,35 @@ SETTLE, BLEND = 0.48, 0.39  # parts of the preroll; the rest holds the first pos
 def preroll_motion(motion: Motion, frames: int) -> Motion:
     """Return `frames` frames that go before `motion`: canonical pose, a smoothstep blend, the first pose.
 
-    The root stands still at the first frame's position and heading: only the pose moves. Joints turn
-    along the shortest arc (slerp of world rotations). Raises `ValueError` for a negative length.
+    As `into_first_pose`. Raises `ValueError` for a negative length.
     """
     if frames < 0:
         raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
-    first = motion.rotations[0].astype(np.float64)
-    start = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
     # however short the preroll is, its last frame is the first pose
     u = np.clip((np.arange(frames) / max(frames - 1, 1) - SETTLE) / BLEND, 0.0, 1.0)
-    u = u * u * (3.0 - 2.0 * u)
-    rotations = np.zeros((frames, len(first), 3, 3))
-    for j in range(len(first)):
-        pair = Rotation.from_matrix(np.stack([start[j], first[j]]))
-        rotations[:, j] = Slerp([0.0, 1.0], pair)(u).as_matrix() if frames else rotations[:, j]
-    root = np.repeat(motion.root[:1], frames, axis=0)
-    return Motion(rotations.astype(motion.rotations.dtype), root, motion.fps)
+    before = into_first_pose(motion, smoothstep(u))
+    return before._replace(rotations=before.rotations.astype(motion.rotations.dtype))
+
+
+def smoothstep(u: np.ndarray) -> np.ndarray:
+    """Return 3 u^2 - 2 u^3 of `u` in [0, 1]: from 0 to 1 without a jump of speed."""
+    return u * u * (3.0 - 2.0 * u)
+
+
+def into_first_pose(motion: Motion, share: np.ndarray) -> Motion:
+    """Return frames between the canonical pose (`share` 0) and the first (1), `share` `[k]`; float64.
+
+    The root stands still at the first frame's position and heading: only the pose moves. Joints turn
+    along the shortest arc (slerp of world rotations).
+    """
+    first = motion.rotations[0].astype(np.float64)
+    canonical = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
+    rotations = np.zeros((len(share), *first.shape))
+    if len(share):
+        for j in range(len(first)):
+            pair = Rotation.from_matrix(np.stack([canonical[j], first[j]]))
+            rotations[:, j] = Slerp([0.0, 1.0], pair)(share).as_matrix()
+    return Motion(rotations, np.repeat(motion.root[:1], len(share), axis=0), motion.fps)
 
 
 def with_preroll(motion: Motion, frames: int) -> Motion:

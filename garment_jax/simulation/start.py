@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
-from garment_jax.body.root_frame import heading, yaw_matrix
+from garment_jax.body.preroll import into_first_pose, smoothstep
+from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Motion, RiggedBody
 
@@ -20,21 +20,12 @@ class ClothState(NamedTuple):
 def start_motion(motion: Motion, body: RiggedBody, settings: ClothSettings) -> Motion:
     """Return the frames before a clip's first: canonical pose, a smoothstep blend, the first pose.
 
-    `settings.settle + blend + hold` frames. The root stands at the first frame's place and heading all
-    along: only the pose changes. Joints turn along the shortest arc (slerp of world rotations). Raises
-    `ValueError` for a motion of another body or frame rate.
+    `settings.settle + blend + hold` frames, as `into_first_pose`. Raises `ValueError` for a motion of
+    another body or frame rate.
     """
     check_motion(motion, body, settings)
-    first = motion.rotations[0].astype(np.float64)
-    canonical = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
-    u = (np.arange(settings.blend) + 1.0) / max(settings.blend, 1)
-    u = np.concatenate([np.zeros(settings.settle), u * u * (3.0 - 2.0 * u), np.ones(settings.hold)])
-    rotations = np.zeros((len(u), *first.shape))
-    if len(u):
-        for j in range(len(first)):
-            pair = Rotation.from_matrix(np.stack([canonical[j], first[j]]))
-            rotations[:, j] = Slerp([0.0, 1.0], pair)(u).as_matrix()
-    return Motion(rotations, np.repeat(motion.root[:1], len(u), axis=0), motion.fps)
+    u = smoothstep((np.arange(settings.blend) + 1.0) / max(settings.blend, 1))
+    return into_first_pose(motion, np.concatenate([np.zeros(settings.settle), u, np.ones(settings.hold)]))
 
 
 def canonical_motion(body: RiggedBody, frames: int, fps: float) -> Motion:
