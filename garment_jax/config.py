@@ -111,8 +111,8 @@ class DetailConfig:
 @dataclass(frozen=True)
 class CollisionConfig:
     eps: float = 4e-3  # metres kept from the body; at 1 mm knees show through between the vertices
-    iterations: int = 60  # projected-gradient steps at most
-    tolerance: float = 1e-4  # metres; movement between two searches that counts as standing still
+    iterations: int = 20  # projected-gradient steps at most
+    tolerance: float = 5e-4  # metres; movement between two searches that counts as standing still
 
 
 @dataclass(frozen=True)

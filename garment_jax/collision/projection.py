@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.result import CollisionState
 from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.surface_tables import SurfaceTables
@@ -13,11 +14,12 @@ from garment_jax.geometry.surface_tables import SurfaceTables
 def initial_state(
     V: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], surface: SurfaceTables
 ) -> CollisionState:
-    """Return the state for a first frame: the triangle nearest to each vertex, by brute force."""
-    return CollisionState(closest_point_exact(V, collider_vertices, surface).triangle)
+    """Return the state for a first frame, from nothing: several times the cost of a following frame."""
+    at = closest_point_exact(V, collider_vertices, surface)
+    return CollisionState(at.triangle, V, collider_vertices, at.ds >= 0, jnp.zeros_like(V), jnp.int32(0))
 
 
-def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, " n"]:
+def lift(V: Float[Array, "n 3"], at: ClosestPoint | Contacts, eps: float | Array) -> Float[Array, " n"]:
     """Return how far each vertex must move along `at.direction` to be outside by `eps` (metres, >= 0).
 
     The constraint is the tangent plane at the correspondence: `direction . (V - point) >= eps`.

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
 
 
 class Region(NamedTuple):
-    """`m` vertices in groups of 8, numbered locally; row m stands for everything that stays put."""
+    """`m` vertices in the order of their groups, numbered locally; row m is everything that stays put."""
 
     vertex: jax.Array  # [m] int32 garment vertex
-    own: jax.Array  # [m] bool, False for a repeated or unused slot
+    own: jax.Array  # [m] bool, False for an unused slot
     moving: jax.Array  # [m] bool
     index: jax.Array  # [m, k] int32 local one-ring
     weight: jax.Array  # [m, k]
@@ -28,18 +29,17 @@ def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array)
 
 
 def make_region(touched: Array, moving: Array, tables: CollisionTables, size: int) -> Region:
-    """Return the region of the `touched` groups `[g]`, which must be `size` at most.
+    """Return the region of the `touched` vertices `[n]`, which must be `size` (a multiple of 32) at most.
 
     It holds all one-rings of the moving vertices, so that its energy's gradient is the whole mesh's.
     """
-    chosen = jnp.nonzero(touched, size=size, fill_value=len(touched))[0]
-    used = chosen < len(touched)
-    chosen = jnp.minimum(chosen, len(touched) - 1)
-    vertex = jnp.asarray(tables.groups)[chosen].reshape(-1)
-    own = (jnp.asarray(tables.own)[chosen] & used[:, None]).reshape(-1)
-    m, n = len(vertex), len(tables.index)
-    local = jnp.full(n, m, jnp.int32)
-    local = local.at[jnp.where(own, vertex, n)].set(jnp.arange(m, dtype=jnp.int32), mode="drop")
+    n = len(tables.index)
+    order = jnp.asarray(tables.order)
+    words = pack_words(jnp.pad(touched[order], (0, -n % WORD)).reshape(-1, 1, WORD))
+    word, place, own = select(0, size, words, marked_up_to(words))
+    vertex = order[jnp.minimum(word * WORD + place, n - 1)]
+    local = jnp.full(n, size, jnp.int32)
+    local = local.at[jnp.where(own, vertex, n)].set(jnp.arange(size, dtype=jnp.int32), mode="drop")
     weight, back = (
         jnp.where(own[:, None], jnp.asarray(w)[vertex], 0.0) for w in (tables.weight, tables.weight_back)
     )

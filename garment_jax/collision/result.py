@@ -32,9 +32,14 @@ MESSAGES = {
 
 
 class CollisionState(NamedTuple):
-    """What one frame hands to the next: where each vertex found the body."""
+    """What one frame hands to the next: where everything was, and how it had been corrected."""
 
-    triangle: jax.Array  # [n] int32 row of the surface tables
+    triangle: jax.Array  # [n] int32 row of the surface tables, near the vertex
+    V: jax.Array  # [n, 3] metres, the last frame's answer
+    collider: jax.Array  # [c, 3] metres, the last frame's body
+    outside: jax.Array  # [n] bool: outside; what is must cross the surface to get in
+    correction: jax.Array  # [n, 3] metres, answer minus input: the next solve begins from it
+    frame: jax.Array  # [] int32, counts up: whose proof is checked in this frame
 
 
 class CollisionResult(NamedTuple):

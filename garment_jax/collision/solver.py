@@ -14,26 +14,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from garment_jax.collision.contacts import Contacts, crossing_limit, find_contacts, probed
 from garment_jax.collision.projection import lift
 from garment_jax.collision.region import Region, dilate, make_region, smoothness
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
 from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.closest_point import ClosestPoint, closest_point_groups, closest_point_posed
+from garment_jax.geometry.marked import WORD
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
+
+FAR = 5e-3  # metres
 
 
 class CollisionOptions(NamedTuple):
     """Settings of the solver. Lengths in metres; all may be traced but `small`, a size."""
 
     eps: float = 1e-3  # margin outside the body
-    slack: float = 2e-5  # how much of the margin may be missing: float32 and the surface's curvature
-    iterations: int = 100  # gradient steps at most
-    refresh_every: int = 20  # gradient steps between two searches for correspondences
+    slack: float = 0.05  # part of the margin that may be missing: the surface's curvature, and float32
+    reach: float = 2e-3  # vertices so much beyond the margin are kept from the body from the first step
+    iterations: int = 20  # gradient steps at most
+    refresh_every: int = 10  # gradient steps between two searches for correspondences
     tolerance: float = 5e-4  # largest movement between two searches that counts as standing still
     projections: int = 8  # projections at the end at most, each with new correspondences
     rings: int = 4  # edges from a contact to the last vertex that may move
-    reach: float = 0.02  # vertices farther out than this need no exact correspondence
-    small: int = 128  # groups of 8 vertices in the small solve; a larger region takes the whole garment
+    small: int = 768  # vertices in the small solve, in 32s; a larger region takes the whole garment
 
 
 class _Progress(NamedTuple):
@@ -42,7 +45,7 @@ class _Progress(NamedTuple):
     x: jax.Array  # [m, 3] displacement from V_f
     y: jax.Array  # [m, 3] the same, extrapolated
     theta: jax.Array  # [] Nesterov's sequence
-    at: ClosestPoint  # correspondences of x
+    at: Contacts  # correspondences of x
     steps: jax.Array  # [] int32 gradient steps taken
     moved: jax.Array  # [] metres, between the last two searches of the descent
     pushes: jax.Array  # [] int32 projections since the descent ended
@@ -60,45 +63,70 @@ def resolve_collisions(
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the garment outside the collider, and the state for the next frame (section 3.5).
 
-    `V_f` and `collider_vertices` in metres, in any frame that both share. `pins` are overwritten
-    with `pin_positions` and stay, inside the body or not. Pure and jittable;
-    failures are reported in the result (`outcome`, `MESSAGES`), never raised.
+    `V_f` and `collider_vertices` in metres, in any frame that both share; the state's last frame in the
+    same, or one that has moved a little. `pins` are overwritten with `pin_positions` and stay, inside
+    the body or not. The descent begins from the last frame's correction. Pure and jittable; failures
+    are reported in the result (`outcome`, `MESSAGES`), never raised.
     """
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
     free = jnp.ones(len(V), bool) if pins is None else jnp.ones(len(V), bool).at[pins].set(False)
     finite = jnp.isfinite(V).all() & jnp.isfinite(collider_vertices).all()
     surface = pose_surface(collider_vertices, tables.surface)
-    at = closest_point_posed(state.triangle, V, surface, tables.surface, tables.groups, reach=options.reach)
-    contact = free & (at.ds < options.eps - options.slack) & finite
-    before = _depth(at.ds, free)
+    probe = probed(state.frame, jnp.asarray(tables.groups), len(V))
+    at = _detect(V, free & finite, probe, state, surface, tables, options)
+    contact = free & at.known & (at.ds < options.eps * (1 - options.slack))
+    before = _depth(at, free)
 
     def solve():
-        return _solve(V, at, contact, free, surface, tables, options)
+        return _solve(V, at, contact, free, state.correction, surface, tables, options)
 
     def leave():
         outcome = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE).astype(jnp.int32)
-        return V, at.triangle, before, jnp.int32(0), jnp.float32(0.0), outcome
+        return V, at, jnp.int32(0), jnp.zeros((), V.dtype), outcome
 
-    V, triangle, after, steps, objective, outcome = jax.lax.cond(contact.any(), solve, leave)
+    before_ds = at.ds
+    V_out, at, steps, objective, outcome = jax.lax.cond(contact.any(), solve, leave)
+    after = _depth(at, free)
     converged = (outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED)
     result = CollisionResult(
-        V, before[0], after[0], before[1], after[1], steps, objective, converged, outcome
+        V_out, before[0], after[0], before[1], after[1], steps, objective, converged, outcome
     )
-    triangle = jnp.where(finite, triangle, state.triangle)
-    return result, CollisionState(triangle)
+    outside = ~at.known | (at.ds >= 0)
+    outside = outside & ~_betrayed(probe & state.outside & (before_ds < 0), tables)
+    following = CollisionState(at.triangle, V_out, collider_vertices, outside, V_out - V, state.frame + 1)
+    return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
-def _depth(ds: Array, counted: Array) -> tuple[Array, Array]:
+def _detect(V, asked, probe, state, surface, tables, options) -> Contacts:
+    """Return what is within the margin, or may have crossed the surface since the last frame."""
+    groups = jnp.asarray(tables.groups)
+    limit = crossing_limit(V, state, surface, tables.surface, groups)
+    limit = jnp.maximum(limit, options.eps + options.reach)
+    limit = jnp.where(asked, jnp.where(state.outside & ~probe, limit, jnp.inf), -1.0)
+    zero = jnp.zeros_like(V)
+    unknown = Contacts(state.triangle, zero[:, 0], jnp.zeros(len(V), bool), zero, zero)
+    return find_contacts(V - surface.origin[None], unknown, limit, groups, surface, tables.surface)
+
+
+def _betrayed(wrong: Array, tables) -> Array:
+    """Return the vertices of every group with a probe inside that was thought outside."""
+    groups = jnp.asarray(tables.groups)
+    group = jnp.broadcast_to(wrong[groups].any(axis=1)[:, None], groups.shape)
+    return jnp.zeros(len(wrong), bool).at[groups].max(group)
+
+
+def _depth(at: Contacts, counted: Array) -> tuple[Array, Array]:
     """Return the deepest penetration (metres) and the number of vertices inside."""
-    inside = counted & (ds < 0)
-    return jnp.where(inside, -ds, 0.0).max(), inside.sum().astype(jnp.int32)
+    inside = counted & at.known & (at.ds < 0)
+    return jnp.where(inside, -at.ds, 0.0).max(), inside.sum().astype(jnp.int32)
 
 
-def _solve(V, at, contact, free, surface, tables, options):
-    """Solve on the groups around the contacts, or on the whole garment when they are too many."""
+def _solve(V, at, contact, free, correction, surface, tables, options):
+    """Solve on the vertices around the contacts, or on the whole garment when they are too many."""
     moving = dilate(contact, tables, options.rings) & free
-    touched = (dilate(moving, tables, 1)[tables.groups]).any(axis=1)
-    whole, arguments = len(tables.groups), (V, at, moving, free, touched, surface, tables, options)
+    touched = dilate(moving, tables, 1)
+    whole = -(-len(V) // WORD) * WORD
+    arguments = (V, at, moving, touched, correction, free, surface, tables, options)
     if options.small >= whole:
         return _solve_region(whole, *arguments)
     return jax.lax.cond(
@@ -108,38 +136,44 @@ def _solve(V, at, contact, free, surface, tables, options):
     )
 
 
-def _solve_region(size, V, at, moving, free, touched, surface, tables, options):
-    """Return `(V, triangle, depth, steps, objective, outcome)` with at most `size` groups moving."""
+def _solve_region(size, V, at, moving, touched, correction, free, surface, tables, options):
+    """Return `(V, contacts, steps, objective, outcome)` of at most `size` vertices."""
     region = make_region(touched, moving, tables, size)
-    base = V[region.vertex]
+    base = V[region.vertex] - surface.origin[None]
+    start = jnp.where(region.moving[:, None], correction[region.vertex], 0.0)
     here = jax.tree.map(lambda x: x[region.vertex], at)
-    end = _iterate(base, here, region, surface, tables, options)
-    x, here, moved = end.x, end.at, base + end.x
-    V = V.at[jnp.where(region.moving, region.vertex, len(V))].set(moved, mode="drop")
-    target = jnp.where(region.own, region.vertex, len(V))
-    triangle = at.triangle.at[target].set(here.triangle, mode="drop")
-    ds = at.ds.at[target].set(here.ds, mode="drop")
-    objective = jnp.sqrt(2 * smoothness(x, region))
-    standing = end.moved <= options.tolerance
-    return V, triangle, _depth(ds, free), end.steps, objective, _outcome(ds, free, standing, options)
+    end = _iterate(base, start, here, region, surface, tables, options)
+    target = jnp.where(region.moving, region.vertex, len(V))
+    at = jax.tree.map(lambda x, y: x.at[target].set(y, mode="drop"), at, end.at)
+    V = V.at[target].add(end.x, mode="drop")
+    objective = jnp.sqrt(2 * smoothness(end.x, region))
+    return V, at, end.steps, objective, _outcome(at, free, end.moved <= options.tolerance, options)
 
 
-def _outcome(ds, free, standing, options):
-    lowest = jnp.where(free, ds, jnp.inf).min()
+def _outcome(at: Contacts, free, standing, options):
+    lowest = jnp.where(free & at.known, at.ds, jnp.inf).min()
     outside = jnp.where(standing, Outcome.CONVERGED, Outcome.STEPS_SPENT)
     missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
-    return jnp.where(lowest >= options.eps - options.slack, outside, missed).astype(jnp.int32)
+    return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
 
 
-def _locate(positions, here, surface, tables, options):
-    """Return the correspondences of a region's vertices, starting from its last ones."""
-    shape = (-1, tables.groups.shape[1])
-    limit = jnp.where(here.ds < options.reach, jnp.inf, options.reach).reshape(shape)
-    points, previous = positions.reshape(*shape, 3), here.triangle.reshape(shape)
-    return closest_point_groups(previous, points, limit, surface, tables.surface)
+def _locate(base, x, since, at: Contacts, region: Region, surface, tables, options) -> Contacts:
+    """Return the contacts of a region's vertices after they moved from `since` to `x`.
+
+    Only those are searched that may have come within the margin; the others' distance shrinks by what
+    they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
+    may rest on the wrong sign: after a long way it is not trusted.
+    """
+    shift = jnp.sqrt(((x - since) ** 2).sum(axis=-1))
+    far = shift > FAR
+    asked = region.moving & (far | (at.ds - shift < options.eps))
+    limit = jnp.where(at.known | far, jnp.inf, jnp.maximum(shift, options.eps))
+    groups = jnp.arange(len(x), dtype=jnp.int32).reshape(-1, tables.groups.shape[1])
+    moved = at._replace(ds=at.ds - shift)
+    return find_contacts(base + x, moved, jnp.where(asked, limit, -1.0), groups, surface, tables.surface)
 
 
-def _iterate(base, here, region: Region, surface: PosedSurface, tables, options) -> _Progress:
+def _iterate(base, start, here, region: Region, surface: PosedSurface, tables, options) -> _Progress:
     """Return the end of the accelerated projected gradient and of the projections that follow it.
 
     The descent and the projections share one loop, and so one search: what compiles once costs half.
@@ -149,7 +183,7 @@ def _iterate(base, here, region: Region, surface: PosedSurface, tables, options)
         return (s.steps < options.iterations) & (s.moved > options.tolerance)
 
     def violated(s: _Progress):
-        inside = region.moving & (s.at.ds < options.eps - options.slack)
+        inside = region.moving & s.at.known & (s.at.ds < options.eps * (1 - options.slack))
         return inside.any() & (s.pushes < options.projections)
 
     def outer(s: _Progress) -> _Progress:
@@ -159,16 +193,15 @@ def _iterate(base, here, region: Region, surface: PosedSurface, tables, options)
         x, y, theta = jax.lax.fori_loop(0, count, inner, (s.x, s.y, s.theta))
         moved = jnp.where(on, jnp.sqrt(((x - s.x) ** 2).sum(axis=-1).max()), s.moved)
         x = jnp.where(on, x, _pushed(base, x, s.at, region, options))
-        at = _locate(base + x, s.at, surface, tables, options)
+        at = _locate(base, x, jnp.where(s.steps == 0, 0.0, s.x), s.at, region, surface, tables, options)
         return _Progress(x, y, theta, at, s.steps + count, moved, s.pushes + jnp.where(on, 0, 1))
 
-    zero = jnp.zeros_like(base)
     moved = jnp.full((), jnp.inf, base.dtype)
-    start = _Progress(zero, zero, jnp.ones((), base.dtype), here, jnp.int32(0), moved, jnp.int32(0))
-    return jax.lax.while_loop(lambda s: descending(s) | violated(s), outer, start)
+    progress = _Progress(start, start, jnp.ones((), base.dtype), here, jnp.int32(0), moved, jnp.int32(0))
+    return jax.lax.while_loop(lambda s: descending(s) | violated(s), outer, progress)
 
 
-def _gradient_step(base, at, region: Region, tables, options, _, carry):
+def _gradient_step(base, at: Contacts, region: Region, tables, options, _, carry):
     """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project.
 
     Restart (O'Donoghue and Candes 2015): momentum that points uphill is thrown away.
@@ -183,7 +216,7 @@ def _gradient_step(base, at, region: Region, tables, options, _, carry):
     return new, new + beta * (new - x), following
 
 
-def _pushed(base, x, at: ClosestPoint, region: Region, options):
-    """Return the displacement after projection; where there is no exact correspondence, as it was."""
+def _pushed(base, x, at: Contacts, region: Region, options):
+    """Return the displacement after projection; where there is no correspondence, as it was."""
     height = lift(base + x, at, options.eps)
-    return x + jnp.where(region.moving & at.exact, height, 0.0)[:, None] * at.direction
+    return x + jnp.where(region.moving & at.known, height, 0.0)[:, None] * at.direction

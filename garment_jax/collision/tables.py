@@ -14,7 +14,7 @@ class CollisionTables(NamedTuple):
 
     surface: SurfaceTables
     groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
-    own: np.ndarray  # [g, 8] bool, False where a vertex is repeated to fill a group
+    order: np.ndarray  # [n] int32 the vertices, group after group
     index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
     weight: np.ndarray  # [n, k] float32 the Laplacian's stencil
     weight_back: np.ndarray  # [n, k] float32 its transpose on the same neighbours
@@ -54,12 +54,11 @@ def make_collision_tables(
             "make both from one mesh."
         )
     groups = point_groups(template)
-    own = np.zeros(groups.shape, bool)
-    own.reshape(-1)[np.unique(groups.reshape(-1), return_index=True)[1]] = True
+    order = groups.reshape(-1)[np.sort(np.unique(groups.reshape(-1), return_index=True)[1])]
     back = transposed_weights(table)
     bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
-    return CollisionTables(surface, groups, own, np.asarray(table.index), weight, back, bound)
+    return CollisionTables(surface, groups, order, np.asarray(table.index), weight, back, bound)
 
 
 def transposed_weights(table: LaplacianTable) -> np.ndarray:

@@ -1,8 +1,6 @@
 """Closest points and signed distances to a posed triangle mesh (section 3.5, `b`, `n`, `ds`).
 
-A query is exact where it matters: distance to a surface changes by at most 1 m per metre, so one
-exact distance clears a whole group of points that lies farther out than the group is wide, and
-the last frame's triangle bounds what has to be searched for the rest.
+The search is exact; the last frame's triangle only bounds what has to be looked at.
 """
 
 from typing import NamedTuple
@@ -14,16 +12,14 @@ from jaxtyping import Array, Float, Int
 
 from garment_jax.geometry.normals import unit
 from garment_jax.geometry.surface_search import (
-    Budget,
     PosedSurface,
+    distance_to,
+    distance_to_any,
     pose_surface,
-    rows_of,
-    search_all,
-    search_groups,
-    stored,
+    search,
 )
 from garment_jax.geometry.surface_tables import SurfaceTables
-from garment_jax.geometry.triangle import closest_on_triangle
+from garment_jax.geometry.triangle import closest_on_triangle, triangle_rows
 
 
 class ClosestPoint(NamedTuple):
@@ -34,17 +30,18 @@ class ClosestPoint(NamedTuple):
     ds: jax.Array  # [n] signed distance, positive outside
     direction: jax.Array  # [n, 3] unit gradient of ds: (v - b) / ds, or the normal where v is at b
     triangle: jax.Array  # [n] int32 row of the tables' faces
-    exact: jax.Array  # [n] bool: no triangle is nearer; if not, the point is outside by `reach`
 
 
 def closest_point_exact(
     points: Float[Array, "n 3"], vertices: Float[Array, "c 3"], tables: SurfaceTables
 ) -> ClosestPoint:
-    """Return the closest points by testing every triangle (first frame, reference, fallback)."""
+    """Return the closest points of points in any order, with no knowledge of where they were."""
     surface = pose_surface(vertices, tables)
     local = points - surface.origin[None]
-    triangle = search_all(*jax.lax.stop_gradient((local, surface)))
-    return _answer(local, triangle, jnp.ones(len(points), bool), surface, tables)
+    fixed, still = jax.lax.stop_gradient((local, surface))
+    found = search(fixed[:, None], distance_to_any(fixed, still)[:, None], still)
+    # nothing is found only for points that are not finite, and their answer is not either
+    return closest_point_on(jnp.maximum(found.triangle[:, 0], 0), local, surface, tables)
 
 
 def closest_point_from(
@@ -53,107 +50,33 @@ def closest_point_from(
     vertices: Float[Array, "c 3"],
     tables: SurfaceTables,
     groups: Int[Array | np.ndarray, "g s"],
-    *,
-    reach: float | Array = 0.02,
-    budget: Budget = Budget(),
 ) -> ClosestPoint:
     """Return the closest points `[n, 3]`, bounded by the distance to each point's `previous` triangle.
 
-    Exact for every point with `ds` below `reach` (metres); the others are proved to be outside by
-    at least `reach` and carry the closest point of a triangle near by, an upper bound. `groups`
-    comes from `point_groups`. When the work lists overflow (a first frame, a jump), the answer
-    comes from brute force, about a hundred times dearer. Points that are not finite have no answer.
+    The same answer as `closest_point_exact`, the faster the nearer the last frame's triangle still is.
+    `groups` comes from `point_groups`.
     """
     surface = pose_surface(vertices, tables)
-    return closest_point_posed(previous, points, surface, tables, groups, reach=reach, budget=budget)
-
-
-def closest_point_posed(
-    previous: Int[Array, " n"],
-    points: Float[Array, "n 3"],
-    surface: PosedSurface,
-    tables: SurfaceTables,
-    groups: Int[Array | np.ndarray, "g s"],
-    *,
-    reach: float | Array = 0.02,
-    budget: Budget = Budget(),
-) -> ClosestPoint:
-    """As `closest_point_from`, on a surface that was posed once for several queries."""
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
-    triangle, exact, fits = _search(previous, fixed, still, tables, jnp.asarray(groups), reach, budget)
-    triangle = jax.lax.cond(fits, lambda: triangle, lambda: search_all(fixed, still))
-    return _outside(_answer(local, triangle, exact | ~fits, surface, tables))
-
-
-def closest_point_groups(
-    previous: Int[Array, "g s"],
-    points: Float[Array, "g s 3"],
-    limit: Float[Array, "g s"],
-    surface: PosedSurface,
-    tables: SurfaceTables,
-    *,
-    budget: Budget = Budget(),
-) -> ClosestPoint:
-    """Return the closest points, fields `[g * s, ...]`, of a few groups of points that lie together.
-
-    Exact within `limit` (metres; infinite for a point that may be inside). A point with nothing
-    that near must be known to be outside, and keeps its `previous` triangle. Brute force, again,
-    when the work lists overflow.
-    """
-    local = points - surface.origin[None, None]
-    fixed, still = jax.lax.stop_gradient((local, surface))
-    flat = fixed.reshape(-1, 3)
-    start = rows_of(jnp.asarray(tables.faces)[previous.reshape(-1)], still.vertices)
-    bound = jnp.sqrt(closest_on_triangle(tuple(flat.T), start)[2]).reshape(previous.shape)
-    bound = jnp.minimum(_grown(bound), limit)
-    found = search_groups(fixed, bound, jnp.ones(len(points), bool), still, budget)
-    triangle = jnp.where(found.triangle < 0, previous, found.triangle).reshape(-1)
-    triangle = jax.lax.cond(found.fits, lambda: triangle, lambda: search_all(flat, still))
-    exact = (found.triangle >= 0).reshape(-1) | ~found.fits
-    return _outside(_answer(local.reshape(-1, 3), triangle, exact, surface, tables))
-
-
-def _outside(answer: ClosestPoint) -> ClosestPoint:
-    """Return the answer with cleared points outside: their triangle may be seen from behind."""
-    return answer._replace(ds=jnp.where(answer.exact, answer.ds, jnp.abs(answer.ds)))
-
-
-def _search(previous, local, surface, tables, groups, reach, budget):
-    """Return `(triangle [n], exact [n], fits [])`: first one point of each group, then near groups."""
-    start = rows_of(jnp.asarray(tables.faces)[previous], surface.vertices)
-    bound = stored(jnp.sqrt(closest_on_triangle(tuple(local.T), start)[2]))
-    p = local[groups]  # [g, s, 3]
-    first = groups[:, :1]
-    # Nothing inside is deeper than the body is thick; half as much again for the pose's bulging.
-    enough = jnp.minimum(_grown(bound[first]), 1.5 * tables.thickness + reach)
-    lead = search_groups(p[:, :1], enough, jnp.ones(len(groups), bool), surface, budget.single())
-    lead_triangle = jnp.where(lead.triangle < 0, previous[first], lead.triangle)
-    sign = jnp.sign(_answer(p[:, 0], lead_triangle[:, 0], None, surface, tables).ds)[:, None]
-    lead_ds = jnp.where(lead.triangle < 0, lead.distance, sign * lead.distance)
-    spread = jnp.sqrt(((p - p[:, :1]) ** 2).sum(axis=-1))  # [g, s]
-    near = (lead_ds - spread < reach).any(axis=1)
-    # A point that is inside is at most `spread - lead_ds` deep: nothing found that near, it is outside.
-    limit = jnp.minimum(_grown(bound[groups]), jnp.maximum(reach, _grown(spread - lead_ds)))
-    rest = search_groups(p, limit, near, surface, budget)
-    found = jnp.where(rest.triangle < 0, lead_triangle, rest.triangle)
+    groups = jnp.asarray(groups)
+    found = search(fixed[groups], distance_to(previous, fixed, still)[groups], still)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
-    triangle = previous.at[groups].set(found)
-    exact = jnp.zeros(len(local), bool).at[groups].set(near[:, None] & (rest.triangle >= 0))
-    return triangle, exact, lead.fits & rest.fits
+    triangle = previous.at[groups].set(jnp.where(found.triangle < 0, previous[groups], found.triangle))
+    return closest_point_on(triangle, local, surface, tables)
 
 
-def _grown(bound: Array) -> Array:
-    """Return a bound larger by more than rounding, so that the triangle that gave it passes."""
-    return bound * (1 + 1e-4) + 1e-6
+def closest_point_on(
+    triangle: Int[Array, " n"], local: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
+) -> ClosestPoint:
+    """Return the signed closest points on the given triangles; differentiable, finite everywhere.
 
-
-def _answer(local, triangle, exact, surface, tables) -> ClosestPoint:
-    """Return the signed closest points on the given triangles; differentiable, finite everywhere."""
-    corners = jnp.asarray(tables.faces)[triangle]
-    foot = closest_on_triangle(tuple(local.T), rows_of(corners, surface.vertices))
-    s, u, squared, region = stored(foot)
-    a, b, c = (surface.vertices[corners[:, k]] for k in range(3))
+    `local` is relative to `surface.origin`; the answer's `point` is not.
+    """
+    corners = surface.corners.reshape(-1, 3, 3)[triangle]
+    a, b, c = (corners[:, k] for k in range(3))
+    rows = triangle_rows(*(tuple(x.T) for x in (a, b - a, c - a)))
+    s, u, squared, region = closest_on_triangle(tuple(local.T), rows)
     b = a + s[:, None] * (b - a) + u[:, None] * (c - a)
     normal = _pseudo_normal(triangle, region, surface, tables)
     away = local - b
@@ -164,7 +87,7 @@ def _answer(local, triangle, exact, surface, tables) -> ClosestPoint:
     distance = jnp.sqrt(jnp.where(touching, 1.0, squared))
     direction = jnp.where(touching[:, None], normal, (sign / distance)[:, None] * away)
     ds = jnp.where(touching, height, sign * distance)
-    return ClosestPoint(b + surface.origin[None], normal, ds, direction, triangle, exact)
+    return ClosestPoint(b + surface.origin[None], normal, ds, direction, triangle)
 
 
 def _pseudo_normal(triangle, region, surface, tables):
@@ -174,31 +97,36 @@ def _pseudo_normal(triangle, region, surface, tables):
     which alone gives the right sign there (Baerentzen and Aanaes 2005).
     """
     faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
-    normals, weighted = _corner_normals(surface, tables)
-    own = normals[triangle]
-    edge = unit(own + normals[across[triangle, jnp.clip(region - 1, 0, 2)]])
+    own = _face_normal(faces[triangle], surface.vertices)
+    edge = across[triangle, jnp.clip(region - 1, 0, 2)]
+    edge = unit(own + _face_normal(faces[edge], surface.vertices))
     vertex = faces[triangle, jnp.clip(region - 4, 0, 2)]
-    surplus = jnp.zeros_like(surface.vertices)
-    surplus = surplus.at[tables.surplus_vertex].add(weighted[jnp.asarray(tables.surplus_corner)])
-    corner = unit(weighted[jnp.asarray(tables.incident)[vertex]].sum(axis=1) + surplus[vertex])
+    corner = _fan_normal(vertex, jnp.asarray(tables.fan)[vertex], surface.vertices)
+    if len(tables.wide):
+        wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.vertices)
+        place = jnp.asarray(tables.wide_place)[vertex]
+        corner = jnp.where((place >= 0)[:, None], wide[place], corner)
     return jnp.where((region == 0)[:, None], own, jnp.where((region <= 3)[:, None], edge, corner))
 
 
-def _corner_normals(surface: PosedSurface, tables: SurfaceTables) -> tuple[Array, Array]:
-    """Return unit face normals `[r, 3]` and, by corner, angle-weighted ones `[3 r + 1, 3]`, last zero.
+def _face_normal(corners: Array, vertices: Array) -> Array:
+    """Return unit normals `[n, 3]`; zero for a triangle without area."""
+    a, b, c = (vertices[corners[:, k]] for k in range(3))
+    return unit(jnp.cross(b - a, c - a))
+
+
+def _fan_normal(vertex: Array, fan: Array, vertices: Array) -> Array:
+    """Return the angle-weighted normals `[n, 3]` of vertices `[n]` with the triangles `fan` `[n, k, 2]`.
 
     The weights are constants to a gradient: how a corner's angle changes is of no use to anyone.
     """
-    rows = [x.reshape(-1) for x in surface.rows]
-    a, b, c = (surface.vertices[jnp.asarray(tables.faces)[:, k]] for k in range(3))
-    flat = (rows[21] < 0)[:, None]
-    normals = jnp.where(flat, 0.0, unit(jnp.where(flat, 1.0, jnp.cross(b - a, c - a))))
-    ab2, _, abac, inv_ab, inv_ac, inv_bc = jax.lax.stop_gradient(rows[15:21])
-    first = _arccos(abac * jnp.sqrt(inv_ab * inv_ac))
-    second = _arccos((ab2 - abac) * jnp.sqrt(inv_ab * inv_bc))
-    angles = jnp.stack([first, second, jnp.maximum(jnp.pi - first - second, 0.0)], axis=1)
-    weighted = (normals[:, None] * angles[..., None]).reshape(-1, 3)
-    return normals, jnp.concatenate([weighted, jnp.zeros((1, 3), weighted.dtype)])
+    ahead = vertices[fan] - vertices[vertex][:, None, None]
+    ab, ac = ahead[:, :, 0], ahead[:, :, 1]
+    normal = unit(jnp.cross(ab, ac))
+    fixed = jax.lax.stop_gradient(ahead)
+    lengths = jnp.sqrt((fixed * fixed).sum(axis=-1)).prod(axis=-1)
+    cosine = (fixed[:, :, 0] * fixed[:, :, 1]).sum(axis=-1) / jnp.where(lengths > 0, lengths, 1.0)
+    return unit((_arccos(cosine)[..., None] * normal).sum(axis=1))
 
 
 def _arccos(x: Array) -> Array:

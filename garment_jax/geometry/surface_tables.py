@@ -1,15 +1,16 @@
 """Static tables of a closed triangle mesh for closest-point queries (host, NumPy, once per body).
 
-The triangles are cut into leaves of 8 that lie together, and 16 leaves make a branch. Only the
-grouping is static: the bounding spheres follow the posed vertices in every frame.
+The triangles are cut into leaves of 16 that lie together. Only the grouping is static: the boxes around
+the leaves follow the posed vertices in every frame.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-LEAF = 8  # triangles; a power of two, the slot within a leaf is packed into 3 bits of the search's key
-BRANCH = 16  # leaves
+LEAF = 16  # triangles; a power of two, the slot within a leaf is packed into 4 bits of the search's key
+BRANCH = 4  # leaves whose movement is bounded together
+FAN = 8  # triangles around a vertex; the few vertices with more are kept apart
 
 
 class SurfaceTables(NamedTuple):
@@ -22,10 +23,10 @@ class SurfaceTables(NamedTuple):
     faces: np.ndarray  # [r, 3] int32, r a multiple of LEAF * BRANCH
     order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
     across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
-    incident: np.ndarray  # [c, k] int32 corners 3 * row + corner of each vertex, padded with 3 r
-    surplus_vertex: np.ndarray  # [o] int32 vertices with more than k triangles, once per further corner
-    surplus_corner: np.ndarray  # [o] int32 that corner
-    thickness: np.ndarray  # [] float32 metres: no point inside the rest shape is deeper
+    fan: np.ndarray  # [c, FAN, 2] int32 next and last vertex of each triangle around a vertex, or itself
+    wide: np.ndarray  # [o] int32 vertices with more triangles than FAN
+    wide_fan: np.ndarray  # [o, k, 2] int32 as `fan`, for all of theirs
+    wide_place: np.ndarray  # [c] int32 place in `wide`, -1 for the others
 
 
 def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTables:
@@ -43,10 +44,8 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     order = _leaf_order(vertices[faces].mean(axis=1))
     row = np.empty(len(faces), np.int32)
     row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
-    incident, surplus_vertex, surplus_corner = _incidence(faces, row, len(order), len(vertices))
     across = row[_across(faces)][order]
-    thickness = np.array(_thickness(vertices, faces), np.float32)
-    return SurfaceTables(faces[order], order, across, incident, surplus_vertex, surplus_corner, thickness)
+    return SurfaceTables(faces[order], order, across, *_fans(faces, len(vertices)))
 
 
 def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:
@@ -103,36 +102,22 @@ def _across(faces: np.ndarray) -> np.ndarray:
     return across.reshape(f, 3).astype(np.int32)
 
 
-def _incidence(faces, row, r: int, c: int, width: int = 8):
-    """Return the corners at each vertex, padded to `width`, and what a vertex has above that.
+def _fans(faces: np.ndarray, c: int):
+    """Return `fan`, `wide`, `wide_fan` and `wide_place` of `SurfaceTables`.
 
     A cap's centre may have a hundred triangles; padding all to that would cost every vertex.
     """
-    corner = (row[:, None] * 3 + np.arange(3, dtype=np.int32)).reshape(-1)
-    order = np.argsort(faces.reshape(-1), kind="stable")
-    corner, vertex = corner[order], faces.reshape(-1)[order]
+    vertex = faces.reshape(-1)
+    ahead = np.stack([np.roll(faces, -1, axis=1), np.roll(faces, 1, axis=1)], axis=-1).reshape(-1, 2)
+    order = np.argsort(vertex, kind="stable")
+    vertex, ahead = vertex[order], ahead[order]
     valence = np.bincount(vertex, minlength=c)
     slot = np.arange(len(vertex)) - np.repeat(np.cumsum(valence) - valence, valence)
-    incident = np.full((c, width), 3 * r, np.int32)
-    fits = slot < width
-    incident[vertex[fits], slot[fits]] = corner[fits]
-    return incident, vertex[~fits].astype(np.int32), corner[~fits]
-
-
-def _thickness(vertices: np.ndarray, faces: np.ndarray, sample: int = 1024) -> float:
-    """Return the largest radius of a ball inside the surface (metres), over `sample` triangles.
-
-    The ball that touches triangle i's centre from inside is empty up to radius
-    min_j |q_j - p_i|^2 / (2 n_i . (p_i - q_j)) over the other points q of the surface.
-    """
-    corners = vertices[faces]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-30)
-    centres = corners.mean(axis=1)
-    radius = 0.0
-    for i in np.unique(np.linspace(0, len(faces) - 1, min(sample, len(faces))).astype(int)):
-        away = centres[i] - vertices
-        height = away @ normal[i]
-        ball = (away**2).sum(axis=1)[height > 1e-9] / (2 * height[height > 1e-9])
-        radius = max(radius, ball.min() if ball.size else 0.0)
-    return float(radius)
+    whole = (
+        np.arange(c, dtype=np.int32)[:, None, None].repeat(max(valence.max(), FAN), axis=1).repeat(2, axis=2)
+    )
+    whole[vertex, slot] = ahead
+    wide = np.flatnonzero(valence > FAN).astype(np.int32)
+    place = np.full(c, -1, np.int32)
+    place[wide] = np.arange(len(wide))
+    return whole[:, :FAN].copy(), wide, whole[wide], place

@@ -4,9 +4,12 @@ A triangle without area is the longest of its edges, one without length its firs
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 Coordinates = tuple[Array, ...]  # x, y, z, each of the same shape
+
+
+FLAT = 1e-12  # squared sine of the angle below which a triangle has no inside
 
 
 def _dot(u, v):
@@ -32,7 +35,7 @@ def triangle_rows(a, ab, ac) -> list[Array]:
     bc2 = jnp.maximum(ab2 - 2 * abac + ac2, 0.0)
     n = _cross(ab, ac)
     n2 = _dot(n, n)
-    flat = n2 <= 1e-12 * ab2 * ac2
+    flat = n2 <= FLAT * ab2 * ac2
     scale = jnp.where(flat, 0.0, 1.0 / jnp.where(flat, 1.0, n2))
     g = [x * scale for x in (*_cross(ac, n), *_cross(n, ab))]
     edges = [_inverse(x) for x in (ab2, ac2, bc2)]
@@ -67,3 +70,31 @@ def _region(s: Array, u: Array, first: Array, third: Array) -> Array:
     edge = jnp.where(first, 1, jnp.where(third, 3, 2))
     corner = jnp.where(s >= 1, 5, jnp.where(u >= 1, 6, 4))
     return jnp.where((s >= 1) | (u >= 1) | ((s <= 0) & (u <= 0)), corner, edge)
+
+
+def squared_distance(points: Float[Array, "k 3"], corners: Float[Array, "k t 3 3"]) -> Float[Array, "k t"]:
+    """Return the squared distances of points to `t` triangles each: to the plane, or to the edges.
+
+    Half the work of `closest_on_triangle`, for a search that only compares.
+    """
+    p = tuple(points[:, x, None] for x in range(3))
+    a, b, c = (tuple(corners[:, :, j, x] for x in range(3)) for j in range(3))
+    ab, ac, bc, pa, pb = _minus(b, a), _minus(c, a), _minus(c, b), _minus(p, a), _minus(p, b)
+    n = _cross(ab, ac)
+    n2 = _dot(n, n)
+    inside = (_dot(_cross(ab, pa), n) >= 0) & (_dot(_cross(bc, pb), n) >= 0) & (_dot(_cross(pa, ac), n) >= 0)
+    inside = inside & (n2 > FLAT * _dot(ab, ab) * _dot(ac, ac))
+    height = _dot(n, pa)
+    edge = jnp.minimum(jnp.minimum(_to_edge(pa, ab), _to_edge(pa, ac)), _to_edge(pb, bc))
+    return jnp.where(inside, height * height / jnp.where(n2 > 0, n2, 1.0), edge)
+
+
+def _to_edge(p, e):
+    """Return the squared distance to the segment from 0 to `e`; to 0 if it has no length."""
+    t = jnp.clip(_dot(p, e) * _inverse(_dot(e, e)), 0.0, 1.0)
+    r = tuple(x - t * y for x, y in zip(p, e, strict=True))
+    return _dot(r, r)
+
+
+def _minus(u, v):
+    return tuple(x - y for x, y in zip(u, v, strict=True))

@@ -9,14 +9,12 @@ import trimesh
 from garment_jax.geometry.closest_point import (
     closest_point_exact,
     closest_point_from,
-    closest_point_groups,
 )
-from garment_jax.geometry.surface_search import Budget, pose_surface
 from garment_jax.geometry.surface_tables import make_surface_tables, point_groups
 from tests.geometry.surfaces import box, box_distance, brute_distance, brute_signed, bumpy
 
 exact = jax.jit(closest_point_exact)
-following = jax.jit(closest_point_from, static_argnames="budget")
+following = jax.jit(closest_point_from)
 
 
 def f32(x) -> jax.Array:
@@ -76,49 +74,15 @@ def test_far_from_the_origin_only_the_inputs_digits_are_lost(cloud):
 
 
 @pytest.mark.parametrize("movement", [0.001, 0.03, 0.3])
-def test_the_pruned_search_equals_the_exact_one(cloud, movement):
+def test_the_bounded_search_equals_the_exact_one(cloud, movement):
     vertices, faces = bumpy()
     tables, groups = make_surface_tables(vertices, faces), point_groups(cloud)
     rng = np.random.default_rng(0)
     previous = exact(f32(cloud), f32(vertices), tables).triangle
     points = f32(cloud + movement * rng.normal(size=(1, 3)) + 0.3 * movement * rng.normal(size=cloud.shape))
     expected = exact(points, f32(vertices), tables)
-    answer = following(previous, points, f32(vertices), tables, groups, reach=1.0)
-    assert answer.exact.all()
+    answer = following(previous, points, f32(vertices), tables, groups)
     np.testing.assert_allclose(answer.ds, expected.ds, atol=1e-7)
-    near = following(previous, points, f32(vertices), tables, groups, reach=0.02)
-    np.testing.assert_allclose(near.ds[near.exact], expected.ds[near.exact], atol=1e-7)
-    assert not near.exact.all()
-    assert (expected.ds[~near.exact] >= 0.02 - 1e-6).all()
-    assert (near.ds[~near.exact] >= expected.ds[~near.exact] - 1e-6).all()
-
-
-def test_an_overflowing_work_list_falls_back_to_brute_force(cloud):
-    vertices, faces = bumpy()
-    tables, groups = make_surface_tables(vertices, faces), point_groups(cloud)
-    previous, budget = jnp.zeros(len(cloud), jnp.int32), Budget(branches=4, leaves=4, chunk=4)
-    answer = following(previous, f32(cloud), f32(vertices), tables, groups, budget=budget)
-    assert answer.exact.all()
-    np.testing.assert_array_equal(answer.ds, exact(f32(cloud), f32(vertices), tables).ds)
-
-
-def test_groups_are_exact_within_their_limit(cloud):
-    vertices, faces = bumpy()
-    tables, groups = make_surface_tables(vertices, faces), point_groups(cloud)[:5]
-    points = f32(cloud[groups])
-
-    @jax.jit
-    def locate(points, limit, vertices):
-        surface = pose_surface(vertices, tables)
-        return closest_point_groups(jnp.zeros(groups.shape, jnp.int32), points, limit, surface, tables)
-
-    answer = locate(points, jnp.full(groups.shape, jnp.inf), f32(vertices))
-    assert answer.exact.all()
-    expected = brute_signed(cloud[groups.reshape(-1)], vertices, faces)
-    np.testing.assert_allclose(answer.ds, expected, atol=1e-6)
-    near = locate(points, jnp.full(groups.shape, 0.05), f32(vertices))
-    np.testing.assert_array_equal(near.exact, np.abs(expected) < 0.05)
-    np.testing.assert_allclose(near.ds[near.exact], expected[near.exact], atol=1e-6)
 
 
 def test_deep_inside_after_a_jump_is_still_inside(cloud):
@@ -127,7 +91,7 @@ def test_deep_inside_after_a_jump_is_still_inside(cloud):
     away = cloud + [[2.0, 0.0, 0.0]]
     previous = exact(f32(away), f32(vertices), tables).triangle
     inside = f32(0.1 * cloud)
-    answer = following(previous, inside, f32(vertices), tables, point_groups(cloud), reach=0.02)
+    answer = following(previous, inside, f32(vertices), tables, point_groups(cloud))
     assert (answer.ds < -0.1).all()
 
 

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from garment_jax.geometry.surface_tables import BRANCH, LEAF, make_surface_tables, point_groups
-from tests.geometry.surfaces import box, bumpy, sphere
+from garment_jax.geometry.surface_tables import LEAF, make_surface_tables, point_groups
+from tests.geometry.surfaces import bumpy
 
 
 def test_every_triangle_is_there_and_short_leaves_repeat_theirs():
     vertices, faces = bumpy()
     tables = make_surface_tables(vertices, faces)
-    assert len(tables.faces) % (LEAF * BRANCH) == 0
+    assert len(tables.faces) % LEAF == 0
     np.testing.assert_array_equal(np.unique(tables.order), np.arange(len(faces)))
     np.testing.assert_array_equal(tables.faces, faces[tables.order])
 
@@ -38,19 +38,16 @@ def test_incidence_lists_every_corner_once_also_at_a_fan():
     bottom = np.stack([after, around, np.full(30, 31)], axis=1)
     faces = np.concatenate([top, bottom])
     tables = make_surface_tables(vertices, faces)
-    assert (tables.surplus_vertex >= 30).all()
+    np.testing.assert_array_equal(tables.wide, [30, 31])
     for vertex in range(32):
-        corners = tables.incident[vertex]
-        corners = corners[corners < 3 * len(tables.faces)]
-        corners = np.concatenate([corners, tables.surplus_corner[tables.surplus_vertex == vertex]])
-        np.testing.assert_array_equal(tables.faces.reshape(-1)[corners], vertex)
-        named = np.sort(tables.order[corners // 3])
-        np.testing.assert_array_equal(named, np.flatnonzero((faces == vertex).any(axis=1)))
-
-
-def test_thickness_is_the_radius_of_the_largest_inner_ball():
-    assert make_surface_tables(*sphere(0.3, 3)).thickness == pytest.approx(0.3, rel=0.02)
-    assert make_surface_tables(*box((0.3, 0.2, 0.1))).thickness >= 0.1
+        fan = tables.fan[vertex] if vertex < 30 else tables.wide_fan[tables.wide_place[vertex]]
+        around = {tuple(pair) for pair in fan.tolist() if pair != [vertex, vertex]}
+        expected = set()
+        for face in faces[(faces == vertex).any(axis=1)].tolist():
+            k = face.index(vertex)
+            expected.add((face[(k + 1) % 3], face[(k + 2) % 3]))
+        assert around == expected
+    assert (tables.wide_place[:30] == -1).all()
 
 
 def test_point_groups_hold_every_point_and_begin_in_the_middle():
