@@ -1,6 +1,8 @@
 """A user's own case from files alone: body, garment and BVH are simulated, trained on and animated."""
 
+import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,6 +52,18 @@ def test_from_files_to_an_animated_garment(tmp_path: Path, monkeypatch: pytest.M
         (["--garment", "skirt.obj"], "--body is not given; name your files, or use --embedded skirt"),
         (["--embedded", "skirt", "--cloth", "bend"], "'bend' needs a number"),
         (["--embedded", "skirt", "--frames", "10"], "--frames 10 are too few"),
+        (["--embedded", "skirt", "--frames", "0"], "--frames 0 are too few"),
+        (["--embedded", "skirt", "--seed", "-1"], "--seed -1 is too small"),
+        (["--embedded", "skirt", "--workers", "0"], "--workers 0 is too small"),
+        (["--embedded", "skirt", "--vertices", "-5"], "vertices=-5 must lie between 100 and"),
+        (["--vary", "clips", "--copies", "0"], "--copies 0 is too small"),
+        (["--motion", "moves", "--skip", "-1"], "--skip -1 is too small"),
+        (["--motion", "moves", "--source-fps", "-30"], "--source-fps -30.0 is too small"),
+        (["--embedded", "skirt", "--pattern", "p.npz"], "--embedded brings its own scene and motions; leave"),
+        (
+            ["--vary", "clips", "--body", "me.npz"],
+            "--vary brings its own scene and motions; leave out --body",
+        ),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path, words, sentence, capsys):
@@ -57,3 +71,91 @@ def test_what_cannot_be_simulated_is_refused(tmp_path: Path, words, sentence, ca
     captured = capsys.readouterr()
     assert sentence in captured.err
     assert not (tmp_path / "clips").exists()
+
+
+def body_with(**arrays: np.ndarray) -> Callable[[Path], object]:
+    return lambda folder: write_body(folder / "me.npz", SCENE.body._replace(**arrays))
+
+
+def written(name: str, **arrays: np.ndarray) -> Callable[[Path], object]:
+    return lambda folder: np.savez(folder / name, **arrays)
+
+
+def cut(name: str) -> Callable[[Path], object]:
+    def halve(folder: Path) -> None:
+        path = folder / name
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+    return halve
+
+
+def garment_in_centimetres(folder: Path) -> None:
+    garment = SCENE.garment
+    write_obj(folder / "skirt.obj", garment._replace(template=garment.template * np.float32(100)))
+
+
+BODY, PINS = SCENE.body, SCENE.pins
+assert PINS is not None
+HOLED = np.where(np.arange(len(BODY.vertices))[:, None] == 4, np.nan, BODY.vertices).astype(np.float32)
+CASES = {
+    "garment in cm": (garment_in_centimetres, [], r"skirt\.obj: the garment is 80 m large"),
+    "body in cm": (
+        body_with(vertices=BODY.vertices * np.float32(100), joints=BODY.joints * np.float32(100)),
+        [],
+        r"me\.npz: the body is 13\d m large",
+    ),
+    "NaN": (body_with(vertices=HOLED), [], r"me\.npz: `vertices` is not finite in row 4"),
+    "weights for other joints": (
+        body_with(skin_weights=BODY.skin_weights[:, :20]),
+        [],
+        r"me\.npz: `skin_weights` has shape \(\d+, 20\), but `joints` says j = 22",
+    ),
+    "weights of 2": (
+        body_with(skin_weights=BODY.skin_weights * np.float32(2)),
+        [],
+        r"me\.npz: a row of `skin_weights` sums to 2",
+    ),
+    "faces of another mesh": (body_with(faces=BODY.faces + 5_000), [], r"me\.npz: `faces` holds index \d+"),
+    "half a body": (cut("me.npz"), [], r"me\.npz is damaged or no \.npz file of plain arrays; copy it again"),
+    "half a pattern": (cut("flat.npz"), ["--pattern", "flat.npz"], r"flat\.npz is damaged"),
+    "another pattern": (
+        written("flat.npz", flat=np.zeros((9, 2))),
+        ["--pattern", "flat.npz"],
+        r"flat\.npz: the flat pattern has shape \(9, 2\), the garment's UVs",
+    ),
+    "other pins": (
+        written("pins.npz", pins=PINS.vertices + 500, pin_weights=PINS.weights),
+        ["--pins", "pins.npz"],
+        r"pins\.npz: `pins` holds index 515, outside 0 … 127; .* belong to skirt\.obj",
+    ),
+    "half a collider": (cut("solid.npz"), ["--collider", "solid.npz"], r"solid\.npz is damaged"),
+    "a clip that is a file": (lambda folder: (folder / "clips").write_text(""), [], "clips is no folder"),
+}
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_bad_file_is_refused_by_name_before_anything_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, case: str
+):
+    pytest.importorskip("newton")
+    monkeypatch.setattr("garment_jax.simulation.newton_cloth.drape", no_drape)
+    monkeypatch.chdir(tmp_path)
+    assert SCENE.collider is not None
+    write_body(tmp_path / "me.npz", BODY)
+    write_obj(tmp_path / "skirt.obj", SCENE.garment)
+    write_bvh(tmp_path / "walk.bvh", BODY, make_motion(SCENE, 6))
+    np.savez(tmp_path / "flat.npz", flat=SCENE.garment.uv)
+    np.savez(tmp_path / "solid.npz", **SCENE.collider._asdict())
+    damage, words, sentence = CASES[case]
+    damage(tmp_path)
+    own = ["--garment", "skirt.obj", "--body", "me.npz", "--motion", "walk.bvh", "--out", "clips"]
+    assert garment_jax(["simulate", *own, *words]) == 2
+    error = capsys.readouterr().err
+    assert re.search(sentence, error)
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert not list(tmp_path.rglob("*.h5"))
+
+
+def no_drape(*_, **__):
+    raise AssertionError("draped before the input was checked")

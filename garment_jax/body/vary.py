@@ -48,6 +48,16 @@ def vary_motion(
     return _turned(part, angle)
 
 
+def cut(motion: Motion, longest: int | None, rng: np.random.Generator) -> Motion:
+    """Return `longest` consecutive frames from anywhere in the motion, or all of a shorter one."""
+    frames = len(motion.root)
+    if longest is None or frames <= longest:
+        return motion
+    first = int(rng.integers(0, frames - longest + 1))
+    part = slice(first, first + longest)
+    return Motion(motion.rotations[part], motion.root[part], motion.fps)
+
+
 def resampled(motion: Motion, tempo: float) -> Motion:
     """Return the motion played `tempo` times as fast, at its frame rate; shortest arcs between frames."""
     frames = len(motion.root)

@@ -2,7 +2,8 @@
 
 `docs/formats.md` is the same table for readers outside Python. A letter stands for a size that must be
 the same wherever it appears: t frames, n garment vertices, f garment faces, u texture vertices, b body
-vertices, g body faces, j joints, c collider vertices, d collider faces, k cap vertices, p pins.
+vertices, g body faces, j joints, c body vertices of the collider, d collider faces, k cap vertices, e
+collider vertices (c, and one more for a cap), p pins.
 """
 
 from collections.abc import Iterable, Mapping
@@ -22,6 +23,7 @@ class Field(NamedTuple):
     dtype: str  # NumPy's letter; "U" is text
     shape: tuple[str | int, ...]
     below: str = ""  # letter of the size that bounds an index
+    sums_to_1: bool = False  # each row: weights
 
 
 GARMENT = (
@@ -36,22 +38,25 @@ BODY = (
     Field("body/joints", "f4", ("j", 3)),
     Field("body/parents", "i4", ("j",)),
     Field("body/joint_names", "U", ("j",)),
-    Field("body/skin_weights", "f4", ("b", "j")),
+    Field("body/skin_weights", "f4", ("b", "j"), sums_to_1=True),
 )
 COLLIDER = (
     Field("collider/body_vertices", "i4", ("c",), "b"),
     Field("collider/cap_loop", "i4", ("k",), "b"),
-    Field("collider/faces", "i4", ("d", 3)),
+    Field("collider/faces", "i4", ("d", 3), "e"),
 )
 PINS = (
     Field("pins/vertices", "i4", ("p",), "n"),
-    Field("pins/weights", "f4", ("p", "j")),
+    Field("pins/weights", "f4", ("p", "j"), sums_to_1=True),
 )
 MOTION = (
     Field("rotations", "f4", ("t", "j", 3, 3)),
     Field("root", "f8", ("t", 3)),
 )
 REQUIRED = GARMENT + BODY + MOTION
+# NumPy's letters of types that serve as a field's own, and what they are
+_SERVES = {"f": ("fiu", "numbers"), "i": ("iu", "whole numbers"), "U": ("U", "text")}
+Known = Mapping[str, tuple[int, str]]  # letter -> its size in another file, and that file's name
 
 
 def fields_of(present: Iterable[str]) -> tuple[Field, ...]:
@@ -91,19 +96,37 @@ def to_scene(arrays: Mapping[str, np.ndarray]) -> Scene:
 def check_arrays(arrays: Mapping[str, np.ndarray], where: str) -> dict[str, int]:
     """Return the sizes by letter, or raise ValueError (naming `where`) if the datasets do not agree."""
     _check_present(arrays, where)
-    sizes: dict[str, int] = {}
-    origin: dict[str, str] = {}
-    for field in fields_of(arrays):
+    sizes = check_fields(fields_of(arrays), arrays, where)
+    check_parents(arrays["body/parents"], where, "body/parents")
+    check_uv(arrays["uv"], where)
+    return sizes
+
+
+def check_fields(
+    fields: Iterable[Field], arrays: Mapping[str, np.ndarray], where: str, known: Known | None = None
+) -> dict[str, int]:
+    """Return the sizes by letter, or raise ValueError (naming `where`) for an array that does not fit.
+
+    Types, shapes, indices, finite values, weights that sum to 1. `known` are the sizes that other files
+    of the scene have set; an index into what neither they nor these arrays size is not checked.
+    """
+    fields = tuple(fields)
+    sizes = {letter: size for letter, (size, _) in (known or {}).items()}
+    origin = {letter: name for letter, (_, name) in (known or {}).items()}
+    for field in fields:
+        _check_type(field, arrays[field.name], where)
         bind_shape(field, arrays[field.name].shape, sizes, origin, where)
     _check_not_empty(sizes, where)
-    for field in fields_of(arrays):
-        if field.below:
-            _check_range(field.name, arrays[field.name], sizes[field.below], where)
+    if "c" in sizes:
+        sizes["e"] = sizes["c"] + min(sizes["k"], 1)
+    for field in fields:
+        if field.below in sizes:
+            mesh = known[field.below][1] if known and field.below in known else "the mesh in the same file"
+            _check_range(field.name, arrays[field.name], sizes[field.below], mesh, where)
         if field.dtype.startswith("f"):
             _check_finite(field.name, arrays[field.name], where)
-    _check_collider_faces(arrays, sizes, where)
-    _check_skeleton(arrays, where)
-    _check_uv(arrays["uv"], where)
+        if field.sums_to_1:
+            _check_weights(field.name, arrays[field.name], where)
     return sizes
 
 
@@ -142,6 +165,13 @@ def _check_present(arrays: Mapping[str, np.ndarray], where: str) -> None:
         )
 
 
+def _check_type(field: Field, array: np.ndarray, where: str) -> None:
+    """Whole numbers serve as numbers; an empty array has no type worth a word (`np.array([])` is float)."""
+    kinds, wanted = _SERVES[field.dtype[0]]
+    if array.size and array.dtype.kind not in kinds:
+        raise ValueError(f"{where}: `{field.name}` has type {array.dtype}; store {wanted}.")
+
+
 def _check_not_empty(sizes: dict[str, int], where: str) -> None:
     names = {
         "t": "frames",
@@ -151,18 +181,18 @@ def _check_not_empty(sizes: dict[str, int], where: str) -> None:
         "j": "joints",
     }
     for letter, name in names.items():
-        if not sizes[letter]:
-            raise ValueError(f"{where}: there are 0 {name}; export the clip again with {name}.")
+        if sizes.get(letter) == 0:
+            raise ValueError(f"{where}: there are 0 {name}; export it again with {name}.")
 
 
-def _check_range(name: str, indices: np.ndarray, size: int, where: str) -> None:
+def _check_range(name: str, indices: np.ndarray, size: int, mesh: str, where: str) -> None:
     if not len(indices):
         return
     low, high = int(indices.min()), int(indices.max())
     if low < 0 or high >= size:
         raise ValueError(
             f"{where}: `{name}` holds index {low if low < 0 else high}, outside 0 … {size - 1}; "
-            "indices count from 0 and belong to the mesh in the same file."
+            f"indices count from 0 and belong to {mesh}."
         )
 
 
@@ -170,31 +200,29 @@ def _check_finite(name: str, values: np.ndarray, where: str) -> None:
     finite = np.isfinite(values)
     if not finite.all():
         row = int(np.argwhere(~finite)[0][0])
-        raise ValueError(f"{where}: `{name}` is not finite in row {row}; export the clip again.")
+        raise ValueError(f"{where}: `{name}` is not finite in row {row}; export it again.")
 
 
-def _check_collider_faces(arrays: Mapping[str, np.ndarray], sizes: dict[str, int], where: str) -> None:
-    if "c" in sizes:
-        cap = 1 if sizes["k"] else 0
-        _check_range("collider/faces", arrays["collider/faces"], sizes["c"] + cap, where)
+def _check_weights(name: str, weights: np.ndarray, where: str) -> None:
+    if not len(weights):
+        return
+    total = weights.sum(axis=1)
+    worst = float(total[np.abs(total - 1).argmax()])
+    if abs(worst - 1) > 1e-3:
+        raise ValueError(f"{where}: a row of `{name}` sums to {worst:.4g}; normalise rows to 1.")
 
 
-def _check_skeleton(arrays: Mapping[str, np.ndarray], where: str) -> None:
-    parents = arrays["body/parents"]
+def check_parents(parents: np.ndarray, where: str, name: str) -> None:
+    """Raise ValueError unless joint 0 is the root and every parent (`[j]`) comes before its children."""
     if parents[0] != -1 or not np.all((parents[1:] >= 0) & (parents[1:] < np.arange(1, len(parents)))):
         raise ValueError(
-            f"{where}: `body/parents` is {parents.tolist()}; joint 0 must be the root (-1) and every "
+            f"{where}: `{name}` is {parents.tolist()}; joint 0 must be the root (-1) and every "
             "parent must come before its children."
         )
-    for name in ("body/skin_weights", "pins/weights"):
-        if name in arrays and len(arrays[name]):
-            total = arrays[name].sum(axis=1)
-            worst = float(total[np.abs(total - 1).argmax()])
-            if abs(worst - 1) > 1e-3:
-                raise ValueError(f"{where}: a row of `{name}` sums to {worst:.4g}; normalise rows to 1.")
 
 
-def _check_uv(uv: np.ndarray, where: str) -> None:
+def check_uv(uv: np.ndarray, where: str) -> None:
+    """Raise ValueError for texture coordinates `[u, 2]` outside 0 … 1."""
     low, high = float(uv.min()), float(uv.max())
     if low < -1e-4 or high > 1 + 1e-4:
         raise ValueError(f"{where}: `uv` runs from {low:.3g} to {high:.3g}; scale it into 0 … 1.")

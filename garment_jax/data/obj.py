@@ -50,13 +50,13 @@ def read_garment(path: str | Path) -> Garment:
 def read_group(path: str | Path, name: str) -> np.ndarray:
     """Return the vertices, ascending, of the faces and points under the group or object `name`.
 
-    Raises `ValueError` with the names that the file has.
+    Raises `ValueError` with the names that the file has, or with the line of a vertex that is not there.
     """
     found: dict[str, set[int]] = {}
     current: list[str] = []
     points = 0
     with Path(path).open(encoding="utf-8", errors="replace") as file:
-        for line in file:
+        for number, line in enumerate(file, 1):
             words = line.split()
             if not words:
                 continue
@@ -65,7 +65,7 @@ def read_group(path: str | Path, name: str) -> np.ndarray:
             elif words[0] == "v":
                 points += 1
             elif words[0] in ("f", "l", "p"):
-                corners = {_index(int(word.split("/")[0]), points) for word in words[1:]}
+                corners = {_vertex(word, points, f"{path} line {number}") for word in words[1:]}
                 for group in current:
                     found.setdefault(group, set()).update(corners)
     if name not in found:
@@ -107,6 +107,20 @@ def _corner(word: str, points: int, texture: int, where: str) -> tuple[int, int]
             "texture coordinates before it); export the mesh again."
         )
     return found[0], found[1]
+
+
+def _vertex(word: str, points: int, where: str) -> int:
+    """Return the vertex of a face's, a line's or a point's corner, whatever follows a slash."""
+    try:
+        found = _index(int(word.split("/")[0]), points)
+    except ValueError:
+        found = -1
+    if found < 0:
+        raise ValueError(
+            f"{where}: {word!r} names a vertex that is not there ({points} vertices before it); export the "
+            "mesh again."
+        )
+    return found
 
 
 def _index(number: int, size: int) -> int:

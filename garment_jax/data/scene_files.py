@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
+from garment_jax.data.layout import GARMENT, Known, check_fields, check_uv
 from garment_jax.data.npz import load_body, load_collider, load_pin_file
 from garment_jax.data.obj import read_garment, read_group
+from garment_jax.data.validation import check_size
 from garment_jax.geometry.boundary import boundary_loops
 from garment_jax.structs import Garment, Pins, RiggedBody, Scene
 
@@ -18,26 +20,43 @@ def load_scene(
 ) -> Scene:
     """Return the scene of a garment (.obj) on a body (.npz).
 
-    `pins` as in `load_pins`, or "group:NAME" for a group of the OBJ file.
+    `pins` as in `load_pins`, or "group:NAME" for a group of the OBJ file. Raises `FileNotFoundError`,
+    `OSError` or `ValueError`, with the file's name, for what is not there, damaged, in another unit than
+    metres, or of another garment or body.
     """
     rigged, cloth = load_body(Path(body)), read_garment(garment)
-    solid = None if collider is None else load_collider(Path(collider))
+    _check_sizes(rigged, cloth, str(body), str(garment))
+    known = {
+        "n": (len(cloth.template), str(garment)),
+        "b": (len(rigged.vertices), str(body)),
+        "j": (len(rigged.joints), str(body)),
+    }
+    solid = None if collider is None else load_collider(Path(collider), known)
     if pins.startswith("group:"):
         vertices = read_group(garment, pins.removeprefix("group:"))
         return Scene(cloth, rigged, solid, Pins(vertices, nearest_weights(cloth.template[vertices], rigged)))
-    return Scene(cloth, rigged, solid, load_pins(pins, cloth, rigged))
+    return Scene(cloth, rigged, solid, load_pins(pins, cloth, rigged, known))
 
 
-def load_pins(spec: str, garment: Garment, body: RiggedBody) -> Pins | None:
+def _check_sizes(body: RiggedBody, garment: Garment, body_name: str, garment_name: str) -> None:
+    check_fields(GARMENT, garment._asdict(), garment_name)
+    check_uv(garment.uv, garment_name)
+    check_size(body.vertices, f"{body_name}: the body")
+    check_size(np.concatenate([body.vertices, body.joints]), f"{body_name}: the body with its joints")
+    check_size(garment.template, f"{garment_name}: the garment")
+
+
+def load_pins(spec: str, garment: Garment, body: RiggedBody, known: Known | None = None) -> Pins | None:
     """Return the garment's pins: "top", "none", "above:HEIGHT" in metres, or an `.npz` file.
 
     "top" is the highest boundary loop. Weights are those of the nearest body vertices; a file gives its own
-    (arrays `pins` and `pin_weights`). Raises `ValueError` for anything else, or when nothing is found.
+    (arrays `pins` and `pin_weights`); it must fit the sizes `known` (`check_fields`). Raises `ValueError`
+    for anything else, or when nothing is found.
     """
     if spec == "none":
         return None
     if spec.endswith(".npz"):
-        return load_pin_file(Path(spec))
+        return load_pin_file(Path(spec), known)
     if spec == "top":
         vertices = _top_loop(garment)
     elif spec.startswith("above:"):

@@ -75,6 +75,11 @@ class Sequence:
         return "float32" if self._scale is None else "int16"
 
     @property
+    def scale(self) -> float | None:
+        """Metres per step of int16 vertices, None for other encodings."""
+        return self._scale
+
+    @property
     def extra_names(self) -> tuple[str, ...]:
         """Names of the further per-frame datasets (group `extra`)."""
         group = self._file.get("extra")

@@ -59,8 +59,19 @@ def check_input(sequence: Sequence, *, joints: Iterable[str] = ()) -> None:
 
 def check_scene(scene: Scene, name: str) -> None:
     """Raise ValueError if the garment's or the body's size is not that of things in metres."""
-    _check_size(scene.garment.template, f"{name}: the template")
-    _check_size(scene.body.vertices, f"{name}: the body")
+    check_size(scene.garment.template, f"{name}: the template")
+    check_size(scene.body.vertices, f"{name}: the body")
+
+
+def check_size(points: np.ndarray, name: str) -> None:
+    """Raise ValueError if the extent of `points` `[q, 3]` is not that of a garment or a body in metres."""
+    size = float(np.ptp(points, axis=0).max())
+    if SMALLEST <= size <= LARGEST:
+        return
+    guess = "centimetres or millimetres" if size > LARGEST else "another unit"
+    raise ValueError(
+        f"{name} is {size:.4g} m large, which looks like {guess}; convert all lengths to metres."
+    )
 
 
 def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
@@ -151,13 +162,3 @@ def _check_finite(V: np.ndarray, start: int, name: str) -> None:
             f"clip {name}: vertex {vertex} of frame {start + frame} is {V[frame, vertex].tolist()}; cut the "
             "clip before that frame or simulate it again."
         )
-
-
-def _check_size(points: np.ndarray, name: str) -> None:
-    size = float(np.ptp(points, axis=0).max())
-    if SMALLEST <= size <= LARGEST:
-        return
-    guess = "centimetres or millimetres" if size > LARGEST else "another unit"
-    raise ValueError(
-        f"{name} is {size:.4g} m large, which looks like {guess}; convert all lengths to metres."
-    )

@@ -3,10 +3,12 @@
 import hashlib
 import json
 import multiprocessing
+import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
@@ -16,8 +18,10 @@ import numpy as np
 from garment_jax.data.content_hash import scene_hash, stored_hash
 from garment_jax.data.sequence import SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.simulation.progress import FrameProgress
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
+from garment_jax.simulation.start import check_motion
 from garment_jax.structs import Motion, Scene
 
 
@@ -54,12 +58,16 @@ def simulate_clips(
 
     A clip that is there already, of the same content, is kept: an interrupted call goes on where it was.
     The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. A
-    clip that fails the screening is named, with the reason, and no file is left.
+    clip that fails the screening is named, with the reason, and no file is left. `progress` gets a line
+    for every clip; frames are counted on stderr. Raises `ValueError` or `OSError` before anything is
+    simulated for what could not be simulated or written.
     """
-    if scene.collider is not None:
-        neighbour_faces(scene.collider.faces)  # an open one has no inside: penetration would go unseen
-    keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
+    _check_workers(workers)
+    _check_surface(scene)
+    _check_jobs(scene, jobs, paths, settings)
+    _check_folder(out)
+    keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
     todo = [i for i in range(len(jobs)) if stored_hash(paths[i]) != keys[i]]
     outcomes: dict[int, Outcome] = {
         i: Outcome(jobs[i].name, paths[i], 0.0, None, []) for i in range(len(jobs)) if i not in todo
@@ -71,7 +79,8 @@ def simulate_clips(
     from garment_jax.simulation.newton_cloth import drape
 
     progress("draping the garment from rest")
-    draped = drape(scene, settings, flat=flat)
+    with FrameProgress("drape") as frames:
+        draped = drape(scene, settings, flat=flat, progress=frames)
     tasks = {
         i: (scene, jobs[i], paths[i], settings, draped, flat, limits, keys[i])
         for i in sorted(todo, key=lambda i: -len(jobs[i].motion.root))  # the longest first: no core waits
@@ -89,6 +98,38 @@ def simulate_clips(
     return [outcomes[i] for i in range(len(jobs))]
 
 
+def _check_workers(workers: int) -> None:
+    if workers < 1:
+        raise ValueError(f"workers={workers} must be 1 or more; take as many as there are cores to spare.")
+
+
+def _check_surface(scene: Scene) -> None:
+    faces = scene.body.faces if scene.collider is None else scene.collider.faces
+    if not len(faces):
+        raise ValueError("the body has 0 faces to touch; give it some, or a collider that has.")
+    if scene.collider is not None:
+        neighbour_faces(faces)  # an open one has no inside: penetration would go unseen
+
+
+def _check_jobs(scene: Scene, jobs: Sequence[Job], paths: Sequence[Path], settings: ClothSettings) -> None:
+    """Refuse now what engine and writer would refuse once the cloth is draped, or a clip simulated."""
+    for i, (job, path) in enumerate(zip(jobs, paths, strict=True)):
+        if path in paths[:i]:
+            raise ValueError(
+                f"two clips would be written to {path}; simulate one of them into another folder."
+            )
+        check_motion(job.motion, scene.body, settings, job.name)
+        SequenceWriter(path, scene, job.motion)  # checks when it is made, writes when it is entered
+
+
+def _check_folder(out: Path) -> None:
+    """Raise OSError if nothing can be written in `out`, which need not be there yet."""
+    nearest = next(folder for folder in (out, *out.parents) if folder.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        reason = "may not be written to" if nearest.is_dir() else "is no folder"
+        raise OSError(f"{out}: {nearest} {reason}; choose another folder.")
+
+
 def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.ndarray | None) -> str:
     """Return 16 hexadecimal digits of all that a simulated clip depends on."""
     digest = hashlib.sha256(scene_hash(scene).encode())
@@ -100,9 +141,9 @@ def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.
 
 
 def _run(tasks: dict[int, tuple], workers: int) -> Iterator[tuple[int, Outcome]]:
-    if workers == 1:
+    if min(workers, len(tasks)) == 1:
         for i, task in tasks.items():
-            yield i, _simulate_one(*task)
+            yield i, _simulate_one(*task, show=True)
         return
     # spawned, not forked: JAX and Warp hold threads
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
@@ -126,12 +167,16 @@ def _simulate_one(
     flat: np.ndarray | None,
     limits: ScreenLimits,
     key: str,
+    *,
+    show: bool = False,
 ) -> Outcome:
+    """Simulate, screen and write a clip; `show` its frames' progress, where no other process has the line."""
     from garment_jax.simulation.newton_cloth import simulate_frames
 
     began = time.perf_counter()
-    frames = simulate_frames(scene, job.motion, settings, drape=draped, flat=flat)
-    V = np.stack([np.asarray(frame, np.float32) for frame in frames])
+    with FrameProgress(job.name) if show else nullcontext() as progress:
+        frames = simulate_frames(scene, job.motion, settings, drape=draped, flat=flat, progress=progress)
+        V = np.stack([np.asarray(frame, np.float32) for frame in frames])
     seconds = time.perf_counter() - began
     try:
         screen = screen_clip(scene, job.motion, V)

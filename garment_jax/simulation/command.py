@@ -1,29 +1,46 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.retarget import retarget
-from garment_jax.body.vary import vary_motion
+from garment_jax.body.vary import Variation, cut, vary_motion
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.hdf5 import open_hdf5
+from garment_jax.data.layout import Field, check_fields
+from garment_jax.data.npz import read_arrays
 from garment_jax.data.sequence import open_sequence
+from garment_jax.data.validation import check_motion, check_scene
 from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
+from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.simulation.clips import Job
+from garment_jax.simulation.rest_shape import rest_shape
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.structs import RiggedBody, Scene
+from garment_jax.structs import Collider, Garment, RiggedBody, Scene
 
 EMBEDDED_CLIP = 112  # frames of an embedded clip, about
 SHORTEST = 80  # frames that can be split into training and test
 DANCE_SEED = 1_005  # far from the training motions' seeds; with seed 0 it turns and swings
 # Many folds, or a free front, lie on each other: without self-collision they tangle for good.
 EMBEDDED_CLOTH = {"circle_skirt": ["self_collision=on"], "cape": ["self_collision=on"]}
+_LEAST = {
+    "workers": 1,
+    "copies": 1,
+    "frames": 1,
+    "seed": 0,
+    "skip": 0,
+    "source_fps": 1,
+    "turn": 0,
+    "longest": 30,
+}
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
 
@@ -54,22 +71,67 @@ def _parse(pair: str, text: str, kind: type) -> float | bool:
 def read_pattern(path: Path) -> np.ndarray:
     """Read a flat pattern `[u, 2]`, metres, a point a UV: `flat` of an .npz, `rest_uv_metres` of an .h5.
 
-    Raises `FileNotFoundError`, or `ValueError` for a file that holds none.
+    Raises `FileNotFoundError`, `OSError` for a damaged file, `ValueError` for one that holds none, or
+    anything but finite points of the plane.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path} is not there; name the file of the flat pattern.")
-    if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as arrays:
-            pattern = arrays.get("flat")
-    else:
-        with open_hdf5(path) as file:
-            found = file.get("rest_uv_metres")
-            pattern = found[()] if isinstance(found, h5py.Dataset) else None
+    name = "flat" if path.suffix == ".npz" else "rest_uv_metres"
+    pattern = read_arrays(path, (name,)).get(name) if name == "flat" else _read_hdf5(path, name)
     if pattern is None:
         raise ValueError(
             f"{path} holds no array 'flat' (.npz) or dataset 'rest_uv_metres' (.h5); store the points there."
         )
-    return np.asarray(pattern)
+    check_fields((Field(name, "f8", ("u", 2)),), {name: pattern}, str(path))
+    return pattern
+
+
+def _read_hdf5(path: Path, name: str) -> np.ndarray | None:
+    with open_hdf5(path) as file:
+        found = file.get(name)
+        try:
+            return np.asarray(found[()]) if isinstance(found, h5py.Dataset) else None
+        except OSError as error:
+            raise OSError(f"{path}: dataset {name!r} is damaged; copy the file again.") from error
+
+
+def check_numbers(options: Mapping[str, Any]) -> None:
+    """Raise `ValueError` for a number of `options`, by name, that is too small; None was not given."""
+    for name, least in _LEAST.items():
+        value = options.get(name)
+        if value is not None and not value >= least:  # NaN is no number either
+            raise ValueError(f"--{name.replace('_', '-')} {value} is too small; give {least} or more.")
+
+
+def check_rest_shape(garment: Garment, flat: np.ndarray | None, path: Path) -> None:
+    """Raise `ValueError`, with the name of the file to repair, for a rest shape that cannot be simulated."""
+    with _naming(path):
+        rest_shape(garment, flat)
+
+
+def check_collider(collider: Collider, path: Path) -> None:
+    """Raise `ValueError`, with the file's name, for a collider that is empty or not closed."""
+    if not len(collider.faces):
+        raise ValueError(f"{path}: the collider has 0 faces; give it those that the cloth touches.")
+    with _naming(path):
+        neighbour_faces(collider.faces)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Put the file's name in front of a refusal that does not know it."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def check_frames(frames: int) -> None:
+    """Raise `ValueError` for too few frames of embedded motions."""
+    if frames < SHORTEST:
+        raise ValueError(
+            f"--frames {frames} are too few to train and to test on; ask for {SHORTEST} or more."
+        )
 
 
 def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> list[Job]:
@@ -78,10 +140,7 @@ def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> li
     The dance, a quarter of the frames, joins moves in an order and with gestures that no training clip
     has. Raises `ValueError` when there are too few frames to train and to test on.
     """
-    if frames < SHORTEST:
-        raise ValueError(
-            f"--frames {frames} are too few to train and to test on; ask for {SHORTEST} or more."
-        )
+    check_frames(frames)
     dance = frames // 4
     clips = max(round((frames - dance) / EMBEDDED_CLIP), 1)
     jobs = []
@@ -93,11 +152,20 @@ def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> li
     return [*jobs, Job("dance", "test", motion)]
 
 
-def varied_jobs(paths: Sequence[Path], *, copies: int, seed: int) -> tuple[Scene, list[Job]]:
+def varied_jobs(
+    paths: Sequence[Path],
+    *,
+    copies: int,
+    seed: int,
+    turn: float = Variation().turn[1],
+    longest: int | None = None,
+) -> tuple[Scene, list[Job]]:
     """Return the scene of simulated clips, and `copies` varied motions of each (`vary_motion`), to train on.
 
-    Give training clips only: what is varied from a test clip is no longer unseen. Raises
-    `FileNotFoundError` where there are none, `ValueError` for clips of different scenes.
+    `turn`: degrees per second that the body turns besides, at most; `longest`: frames of a motion, which
+    is cut out anywhere. Give training clips only: what is varied from a test clip is no longer unseen. Raises
+    `FileNotFoundError` where there are none, `ValueError` for clips of different scenes, in another unit
+    or with a broken motion.
     """
     files = [file for path in paths for file in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
     if not files:
@@ -105,12 +173,17 @@ def varied_jobs(paths: Sequence[Path], *, copies: int, seed: int) -> tuple[Scene
     jobs, scene = [], None
     for file in files:
         with open_sequence(file) as clip:
+            check_scene(clip.scene, str(file))
+            check_motion(clip.motion, str(file))
+            if clip.scene.collider is not None:
+                check_collider(clip.scene.collider, file)
             scene = scene or clip.scene
             if scene_hash(clip.scene) != scene_hash(scene):
                 raise ValueError(f"{file} has another garment or body than {files[0]}; vary them separately.")
             for copy in range(1, copies + 1):
                 rng = np.random.default_rng([seed, copy, zlib.crc32(clip.name.encode())])
-                motion = vary_motion(clip.motion, scene.body, rng)
+                variation = Variation(turn=(-turn, turn))
+                motion = cut(vary_motion(clip.motion, scene.body, rng, variation=variation), longest, rng)
                 jobs.append(Job(f"{clip.name}_v{copy}", "train", motion))
     assert scene is not None
     return scene, jobs
@@ -130,7 +203,8 @@ def bvh_jobs(
     """Return a clip for every BVH file named, or found in a folder named; those in `test` are for testing.
 
     `floor`, `joints`, `source_fps` and `skip` as in `retarget`.
-    Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for.
+    Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for and
+    for a root that jumps, which nothing could be trained on.
     """
     files = [file for path in paths for file in (sorted(path.glob("*.bvh")) if path.is_dir() else [path])]
     if not files:
@@ -141,7 +215,11 @@ def bvh_jobs(
     jobs = []
     for file in files:
         clip = read_bvh(file)
-        motion = retarget(clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip, floor=floor)
+        with _naming(file):
+            motion = retarget(
+                clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip, floor=floor
+            )
+        check_motion(motion, str(file))
         jobs.append(Job(file.stem, "test" if file.stem in test else "train", motion))
     return jobs
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.rmse import rmse_per_frame
+from garment_jax.simulation.progress import FrameProgress
 from garment_jax.simulation.settings import ClothSettings
+from garment_jax.simulation.start import check_motion
 from garment_jax.structs import Motion
 
 
@@ -34,7 +36,7 @@ def floor_of(
     """Simulate frames `start …` of a simulated clip from the draped template; compare with the clip.
 
     `settings` and `flat` must be those that the clip was made with; from frame 0 the difference is then
-    the engine's own. Raises `ValueError` for a start outside the clip.
+    the engine's own. Raises `ValueError` for a start outside the clip and for settings at another frame rate.
     """
     from garment_jax.simulation.newton_cloth import drape, simulate_frames
 
@@ -46,9 +48,12 @@ def floor_of(
     stop = sequence.frames if frames is None else min(start + frames, sequence.frames)
     whole = sequence.motion
     motion = Motion(whole.rotations[start:stop], whole.root[start:stop], whole.fps)
-    draped = drape(sequence.scene, settings, flat=flat)
-    again = simulate_frames(sequence.scene, motion, settings, drape=draped, flat=flat)
-    V = np.stack([np.asarray(frame, np.float32) for frame in again])
+    check_motion(motion, sequence.scene.body, settings, sequence.name)
+    with FrameProgress("drape") as progress:
+        draped = drape(sequence.scene, settings, flat=flat, progress=progress)
+    with FrameProgress(sequence.name) as progress:
+        again = simulate_frames(sequence.scene, motion, settings, drape=draped, flat=flat, progress=progress)
+        V = np.stack([np.asarray(frame, np.float32) for frame in again])
     return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)
 
 

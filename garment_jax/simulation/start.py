@@ -34,17 +34,20 @@ def canonical_motion(body: RiggedBody, frames: int, fps: float) -> Motion:
     return Motion(rotations, np.zeros((frames, 3)), fps)
 
 
-def check_motion(motion: Motion, body: RiggedBody, settings: ClothSettings) -> None:
-    """Raise `ValueError` for a motion that is empty, of another body or at another rate."""
+def check_motion(motion: Motion, body: RiggedBody, settings: ClothSettings, name: str = "the motion") -> None:
+    """Raise `ValueError` for a motion (called `name`) that is empty, of another body or at another rate."""
     if not len(motion.root):
-        raise ValueError("the motion has no frames; give one at least.")
+        raise ValueError(f"{name} has no frames; give one at least.")
     if motion.rotations.shape[1] != len(body.joints):
         raise ValueError(
-            f"the motion turns {motion.rotations.shape[1]} joints and the body has {len(body.joints)}; "
+            f"{name} turns {motion.rotations.shape[1]} joints and the body has {len(body.joints)}; "
             "retarget it to the body."
         )
     if abs(motion.fps - settings.fps) > 1e-3 * settings.fps:
-        raise ValueError(f"the motion has {motion.fps:g} fps, the settings {settings.fps:g}; resample it.")
+        raise ValueError(
+            f"{name} has {motion.fps:g} fps, the settings {settings.fps:g}; resample it, or simulate at its "
+            f"rate (--cloth fps={motion.fps:g})."
+        )
 
 
 def to_world(state: ClothState, root: np.ndarray, yaw: float) -> ClothState:

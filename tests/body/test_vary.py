@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import joint_positions
-from garment_jax.body.vary import LEGS, Variation, resampled, vary_motion
+from garment_jax.body.vary import LEGS, Variation, cut, resampled, vary_motion
 from garment_jax.structs import Motion
 from tests.reference.scene import make_body, make_motion, make_scene
 
@@ -86,3 +86,17 @@ def test_a_seed_is_a_motion_and_rotations_stay_rotations(dance):
     )
     R = one.rotations.astype(np.float64)
     np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-5)
+
+
+def test_a_cut_is_a_stretch_of_the_motion_and_a_short_motion_stays(dance):
+    rng = np.random.default_rng(0)
+    firsts = set()
+    for _ in range(8):
+        part = cut(dance, 30, rng)
+        first = int(np.flatnonzero((dance.root == part.root[0]).all(axis=1))[0])
+        firsts.add(first)
+        np.testing.assert_array_equal(part.rotations, dance.rotations[first : first + 30])
+        np.testing.assert_array_equal(part.root, dance.root[first : first + 30])
+    assert len(firsts) > 3
+    assert cut(dance, None, rng) is dance
+    assert cut(dance, len(dance.root), rng) is dance

@@ -84,3 +84,10 @@ def test_the_shared_skirt_is_the_clips_template(shared_data: Path):
         np.testing.assert_array_equal(garment.faces, file["faces"][()])
         np.testing.assert_array_equal(garment.faces_uv, file["faces_uv"][()])
         np.testing.assert_allclose(garment.uv, file["uv"][()], atol=1e-5)
+
+
+@pytest.mark.parametrize("line", ["p 9", "p one", "f 1/1 2/2 /3", "l 0 1"])
+def test_a_group_of_vertices_that_are_not_there_is_refused(tmp_path: Path, line: str):
+    path = written(tmp_path, SQUARE + f"g waist\n{line}\n")
+    with pytest.raises(ValueError, match=r"cloth\.obj line 12: .* names a vertex that is not there \(4 vert"):
+        read_group(path, "waist")

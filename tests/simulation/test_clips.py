@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from garment_jax.data.sequence import open_sequence
+from garment_jax.simulation import progress
 from garment_jax.simulation.clips import Job, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings
@@ -76,6 +77,68 @@ def test_an_open_collider_is_refused_before_anything_is_simulated(tmp_path: Path
     hole = scene._replace(collider=scene.collider._replace(faces=scene.collider.faces[1:]))
     with pytest.raises(ValueError, match="close its holes"):
         simulate_clips(hole, jobs, tmp_path, SETTINGS)
+
+
+def no_drape(*_, **__):
+    raise AssertionError("draped before the input was checked")
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_no_workers_are_refused_before_anything_is_simulated(tmp_path: Path, scene, jobs, workers: int):
+    with pytest.raises(ValueError, match=f"workers={workers} must be 1 or more"):
+        simulate_clips(scene, jobs, tmp_path, SETTINGS, workers=workers)
+
+
+def test_what_engine_and_writer_would_refuse_is_refused_before_the_drape(
+    tmp_path: Path, scene, jobs, monkeypatch
+):
+    pytest.importorskip("newton")
+    monkeypatch.setattr("garment_jax.simulation.newton_cloth.drape", no_drape)
+    garment, body = scene.garment, scene.body
+    one = jobs[0].motion
+    bare = scene._replace(collider=None, body=body._replace(faces=body.faces[:0]))
+    wide = scene._replace(garment=garment._replace(uv=3 * garment.uv))
+    heavy = scene._replace(body=body._replace(skin_weights=body.skin_weights * np.float32(2)))
+    cases = [
+        (scene, [*jobs, jobs[0]], r"two clips would be written to .*one\.h5; simulate one"),
+        (
+            scene,
+            [jobs[0]._replace(motion=one._replace(fps=60.0))],
+            "one has 60 fps, the settings 30; resample",
+        ),
+        (
+            scene,
+            [jobs[0]._replace(motion=one._replace(root=one.root * np.nan))],
+            "`root` is not finite in row 0",
+        ),
+        (bare, jobs, "the body has 0 faces to touch"),
+        (wide, jobs, "`uv` runs from 0 to 3; scale it"),
+        (heavy, jobs, "a row of `body/skin_weights` sums to 2"),
+    ]
+    for broken, given, sentence in cases:
+        with pytest.raises(ValueError, match=sentence):
+            simulate_clips(broken, given, tmp_path / "out", SETTINGS, progress=lambda _: None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_simulated(tmp_path: Path, scene, jobs):
+    (tmp_path / "file").write_text("taken")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(OSError, match=r"file is no folder; choose another folder"):
+            simulate_clips(scene, jobs, out, SETTINGS)
+
+
+def test_frames_are_counted_on_stderr(tmp_path: Path, scene, jobs, monkeypatch, capsys):
+    pytest.importorskip("newton")
+    monkeypatch.setattr(progress, "_LINE_SECONDS", 0.0)
+    simulate_clips(scene, jobs, tmp_path, SETTINGS, limits=LOOSE, progress=lambda _: None)
+    lines = capsys.readouterr().err.splitlines()
+    names = [line.split(",")[0] for line in lines]
+    assert names[:2] == ["drape: 1/2 frames", "drape: 2/2 frames"]
+    assert names[2] == "two: 1/12 frames"  # the longer clip first; 4 frames lead into its 8
+    assert names[-1] == "one: 10/10 frames"
+    assert len(lines) == 2 + 12 + 10
+    assert all("frames/s" in line and line.endswith("s left") for line in lines)
 
 
 def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):

@@ -9,6 +9,9 @@ import pytest
 from garment_jax.embedded.mannequin import make_mannequin
 from garment_jax.simulation.command import (
     bvh_jobs,
+    check_collider,
+    check_numbers,
+    check_rest_shape,
     cloth_settings,
     embedded_jobs,
     read_pattern,
@@ -16,7 +19,8 @@ from garment_jax.simulation.command import (
 )
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import RiggedBody
-from tests.reference.scene import make_scene, write_clip
+from tests.reference.files import write_bvh
+from tests.reference.scene import make_motion, make_scene, write_clip
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +123,118 @@ def test_a_pattern_is_read_and_its_absence_named(tmp_path: Path, suffix: str):
         read_pattern(empty)
     with pytest.raises(FileNotFoundError, match="name the file of the flat pattern"):
         read_pattern(tmp_path / f"missing{suffix}")
+
+
+def test_a_damaged_pattern_is_refused_in_a_sentence(tmp_path: Path):
+    pattern = np.random.default_rng(0).random((2_000, 2))
+    for name, write in (("a.npz", lambda path: np.savez(path, flat=pattern)), ("b.h5", write_pattern)):
+        path = tmp_path / name
+        write(path)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(OSError, match=r"\S*[ab]\.\S+ is (damaged|truncated)"):
+            read_pattern(path)
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(OSError, match=r"text\.npz is damaged or no \.npz file"):
+        read_pattern(tmp_path / "text.npz")
+    np.savez(tmp_path / "objects.npz", flat=np.array([{}], object))
+    with pytest.raises(ValueError, match=r"objects\.npz: array 'flat' holds pickled Python objects"):
+        read_pattern(tmp_path / "objects.npz")
+
+
+def write_pattern(path: Path, pattern: object = None) -> None:
+    with h5py.File(path, "w") as file:
+        file["rest_uv_metres"] = np.random.default_rng(0).random((2_000, 2)) if pattern is None else pattern
+
+
+@pytest.mark.parametrize(
+    ("pattern", "sentence"),
+    [
+        (np.zeros((6, 3)), r"`flat` has shape \(6, 3\), expected \[u, 2\]"),
+        (np.zeros(()), r"`flat` has shape \(\), expected"),
+        (np.array([[0.0, 1.0], [np.nan, 0.0]]), "`flat` is not finite in row 1; export it again"),
+        (np.array([["a", "b"]]), "`flat` has type <U1; store numbers"),
+    ],
+)
+def test_a_pattern_that_is_no_points_of_the_plane_is_refused(tmp_path: Path, pattern, sentence: str):
+    np.savez(tmp_path / "p.npz", flat=pattern)
+    with pytest.raises(ValueError, match=r"^\S*p\.npz: " + sentence):
+        read_pattern(tmp_path / "p.npz")
+    write_pattern(tmp_path / "p.h5", pattern if pattern.dtype.kind == "f" else b"ab")
+    with pytest.raises(ValueError, match=r"^\S*p\.h5: `rest_uv_metres` "):
+        read_pattern(tmp_path / "p.h5")
+
+
+def test_the_file_to_repair_is_named(tmp_path: Path):
+    scene = make_scene()
+    with pytest.raises(ValueError, match=r"p\.npz: the flat pattern has shape \(6, 2\), the garment's UVs"):
+        check_rest_shape(scene.garment, np.zeros((6, 2)), Path("p.npz"))
+    thin = scene.garment.template.copy()
+    thin[scene.garment.faces[7]] = thin[scene.garment.faces[7, 0]]
+    garment = scene.garment._replace(template=thin, uv=scene.garment.uv**2)
+    with pytest.raises(ValueError, match=r"skirt\.obj: face \d+ of the template has no area; remove it"):
+        check_rest_shape(garment, None, Path("skirt.obj"))
+    assert scene.collider is not None
+    none = scene.collider._replace(faces=scene.collider.faces[:0])
+    with pytest.raises(
+        ValueError, match=r"solid\.npz: the collider has 0 faces; give it those that the cloth"
+    ):
+        check_collider(none, Path("solid.npz"))
+    hole = scene.collider._replace(faces=scene.collider.faces[1:])
+    with pytest.raises(ValueError, match=r"solid\.npz: the collider has 3 edges without .* close its holes"):
+        check_collider(hole, Path("solid.npz"))
+
+
+NUMBERS = {
+    "workers": 1,
+    "copies": 1,
+    "frames": 900,
+    "seed": 0,
+    "skip": 0,
+    "source_fps": None,
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("workers", 0, "--workers 0 is too small; give 1 or more"),
+        ("workers", -2, "--workers -2 is too small"),
+        ("copies", 0, "--copies 0 is too small; give 1 or more"),
+        ("frames", 0, "--frames 0 is too small"),
+        ("seed", -1, "--seed -1 is too small; give 0 or more"),
+        ("skip", -3, "--skip -3 is too small; give 0 or more"),
+        ("source_fps", -30.0, r"--source-fps -30\.0 is too small; give 1 or more"),
+        ("source_fps", float("nan"), "--source-fps nan is too small"),
+    ],
+)
+def test_numbers_that_are_too_small_are_refused(name: str, value: float, sentence: str):
+    check_numbers(NUMBERS)
+    with pytest.raises(ValueError, match=sentence):
+        check_numbers(NUMBERS | {name: value})
+
+
+def test_varied_clips_in_centimetres_or_with_a_jump_are_refused_by_file(tmp_path: Path):
+    scene = make_scene()
+    large = scene.body._replace(vertices=scene.body.vertices * np.float32(100))
+    write_clip(tmp_path / "cm.h5", 4, scene=scene._replace(body=large), encoding="float32")
+    with pytest.raises(ValueError, match=r"cm\.h5: the body is 13\d m large, which looks like centimetres"):
+        varied_jobs([tmp_path / "cm.h5"], copies=1, seed=0)
+    motion = make_motion(scene, 12)
+    jump = motion.root + np.where(np.arange(12)[:, None] >= 7, 2.0, 0.0)
+    write_clip(tmp_path / "jump.h5", motion=motion._replace(root=jump))
+    with pytest.raises(ValueError, match=r"jump\.h5: the root moves at [\d.]+ m/s in frame 7"):
+        varied_jobs([tmp_path / "jump.h5"], copies=1, seed=0)
+
+
+def test_a_bvh_that_does_not_fit_is_refused_by_file(tmp_path: Path):
+    scene = make_scene()
+    motion = make_motion(scene, 12)
+    write_bvh(tmp_path / "walk.bvh", scene.body, motion)
+    with pytest.raises(ValueError, match=r"walk\.bvh: skip = 40 leaves nothing of 12 frames"):
+        bvh_jobs([tmp_path], scene.body, fps=30.0, skip=40)
+    jump = motion.root + np.where(np.arange(12)[:, None] >= 1, 2.0, 0.0)
+    write_bvh(tmp_path / "walk.bvh", scene.body, motion._replace(root=jump))
+    with pytest.raises(ValueError, match=r"walk\.bvh: the root moves at [\d.]+ m/s in frame 1; check"):
+        bvh_jobs([tmp_path], scene.body, fps=30.0)
+    (job,) = bvh_jobs([tmp_path], scene.body, fps=30.0, skip=1)
+    assert len(job.motion.root) == 11

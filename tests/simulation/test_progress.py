@@ -1,0 +1,72 @@
+"""The frames' progress: one line that is rewritten on a terminal, a line now and then elsewhere."""
+
+import io
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from garment_jax.simulation import progress
+from garment_jax.simulation.progress import FrameProgress
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch: Any) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_terminal_shows_frames_speed_and_time_left_and_is_left_clean(clock: list[float]) -> None:
+    stream = Terminal()
+    with FrameProgress("walk_01", stream=stream) as show:
+        clock[0] += 20
+        show(10, 40)
+        clock[0] += 20
+        show(40, 40)
+    first, last, blank, rest = stream.getvalue().split("\r")[1:]
+    assert first.rstrip() == "walk_01: 10/40 frames, 0.5 frames/s, 60 s left"
+    assert last.rstrip() == "walk_01: 40/40 frames, 1.0 frames/s, 0 s left"
+    assert (blank.strip(), rest) == ("", "")
+    assert len(blank) >= len(first)
+    assert "\n" not in stream.getvalue()
+
+
+def test_many_fast_frames_are_a_few_prints_a_second(clock: list[float]) -> None:
+    stream = Terminal()
+    with FrameProgress("walk_01", stream=stream) as show:
+        for done in range(1, 1_001):
+            clock[0] += 0.01
+            show(done, 1_000)
+    assert 20 <= stream.getvalue().count("walk_01") <= 40  # in 10 seconds
+
+
+def test_elsewhere_a_line_comes_every_half_minute(clock: list[float]) -> None:
+    stream = io.StringIO()
+    with FrameProgress("drape", stream=stream) as show:
+        for done in range(1, 101):
+            clock[0] += 1
+            show(done, 100)
+    assert stream.getvalue().splitlines() == [
+        "drape: 30/100 frames, 1.0 frames/s, 70 s left",
+        "drape: 60/100 frames, 1.0 frames/s, 40 s left",
+        "drape: 90/100 frames, 1.0 frames/s, 10 s left",
+    ]
+
+
+def test_an_interrupted_line_is_ended_and_nothing_shown_is_nothing_written(clock: list[float]) -> None:
+    stream = Terminal()
+    with suppress(KeyboardInterrupt), FrameProgress("drape", stream=stream) as show:
+        clock[0] += 1
+        show(1, 45)
+        raise KeyboardInterrupt
+    assert stream.getvalue().endswith("\r")
+    quiet = Terminal()
+    with FrameProgress("drape", stream=quiet) as show:
+        show(1, 45)
+    assert quiet.getvalue() == ""
