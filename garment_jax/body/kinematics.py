@@ -31,8 +31,8 @@ def pose_points(
 ) -> np.ndarray:
     """Return canonical `points` `[q, 3]` posed by linear blend skinning, `[t, q, 3]` world metres.
 
-    `weights` `[q, j]` sum to 1 over joints; `positions` `[t, j, 3]` as from `joint_positions`. The
-    blend runs over the 3 x 4 matrices of the joints that carry weight at all: most carry none.
+    `weights` `[q, j]` sum to 1 over joints; `positions` `[t, j, 3]` as from `joint_positions`. Only the
+    joints that carry weight at all take part: most carry none.
     """
     used = np.flatnonzero(weights.max(axis=0) > 0)
     R = rotations[:, used].astype(np.float64)
@@ -42,9 +42,11 @@ def pose_points(
 
 
 def _blend(points: np.ndarray, weights: np.ndarray, R: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    affine = np.concatenate([R, offset[..., None]], axis=-1).reshape(len(R), R.shape[1], 12)
-    blended = (weights @ affine).reshape(len(R), len(points), 3, 4)
-    return np.einsum("tqab,qb->tqa", blended[..., :3], points, optimize=True) + blended[..., 3]
+    """Return sum_j w_j (R_j p + o_j), as one product of [q, 4 j] weighted points and [4 j, 3] a frame."""
+    ones = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    weighted = (weights[:, :, None] * ones[:, None]).reshape(len(points), -1)
+    affine = np.concatenate([np.swapaxes(R, -1, -2), offset[:, :, None]], axis=2)
+    return weighted @ affine.reshape(len(R), -1, 3)
 
 
 def pose_body(body: RiggedBody, motion: Motion, frames: np.ndarray | slice) -> np.ndarray:

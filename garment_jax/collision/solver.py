@@ -22,7 +22,8 @@ from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.marked import WORD
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 
-FAR = 5e-3  # metres
+FAR = 5e-3  # metres after which a bound from before is not trusted
+PROBE = 0.05  # metres: how deep a vertex may be that is inside unnoticed and found in its turn
 
 
 class CollisionOptions(NamedTuple):
@@ -101,8 +102,8 @@ def _detect(V, asked, probe, state, surface, tables, options) -> Contacts:
     """Return what is within the margin, or may have crossed the surface since the last frame."""
     groups = jnp.asarray(tables.groups)
     limit = crossing_limit(V, state, surface, tables.surface, groups)
-    limit = jnp.maximum(limit, options.eps + options.reach)
-    limit = jnp.where(asked, jnp.where(state.outside & ~probe, limit, jnp.inf), -1.0)
+    limit = jnp.maximum(limit, jnp.where(probe, PROBE, options.eps + options.reach))
+    limit = jnp.where(asked, jnp.where(state.outside, limit, jnp.inf), -1.0)
     zero = jnp.zeros_like(V)
     unknown = Contacts(state.triangle, zero[:, 0], jnp.zeros(len(V), bool), zero, zero)
     return find_contacts(V - surface.origin[None], unknown, limit, groups, surface, tables.surface)

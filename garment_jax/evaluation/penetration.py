@@ -6,8 +6,10 @@ import numpy as np
 
 from garment_jax.evaluation.surface import SurfacePoint, closest_point, make_surface
 from garment_jax.evaluation.triangles import FACE, cross, dot
+from garment_jax.geometry.winding_number import winding_number
 
 TOLERANCE_MM = 0.1  # a vertex counts as inside below minus this
+ROOM_MM = 1.0  # that a vertex needs outside the body: cloth is about as thick
 
 
 class Penetration(NamedTuple):
@@ -54,6 +56,25 @@ def signed_distance(
     return np.where(outward < 0, -hit.distance, hit.distance)
 
 
+def pinched(
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray
+) -> np.ndarray:
+    """Return which of `points` `[q, 3]`, all inside, lie where the closed surface crosses itself, `[q]`.
+
+    Two parts of a body that cover each other, as thighs do in a split, leave a vertex between them no way
+    out: pushed out of the one it is in the other. So either the surface goes around the point more than
+    once (winding number 1.5 or more), or `ROOM_MM` outside its nearest surface it is inside again (0.5 or
+    more).
+    """
+    points, vertices = points.astype(np.float64), vertices.astype(np.float64)
+    hit = closest_point(points, make_surface(vertices, faces))
+    normal = _pseudo_normal(hit, vertices, faces, neighbours)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    way_out = hit.point + ROOM_MM / 1000.0 * normal / np.where(length > 0, length, 1.0)
+    covered_twice = winding_number(points, vertices, faces) >= 1.5
+    return covered_twice | (winding_number(way_out, vertices, faces) >= 0.5)
+
+
 def _pseudo_normal(
     hit: SurfacePoint, vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray
 ) -> np.ndarray:
@@ -83,8 +104,13 @@ def _vertex_normals(corners: np.ndarray, flat: np.ndarray, faces: np.ndarray, n:
     return total
 
 
+def is_inside(distance: np.ndarray) -> np.ndarray:
+    """Return which signed distances (metres) count as inside."""
+    return distance < -TOLERANCE_MM / 1000.0
+
+
 def penetration(distance: np.ndarray) -> Penetration:
     """Return one frame's penetration from its signed distances `[n]` (metres, positive outside)."""
-    inside = distance < -TOLERANCE_MM / 1000.0
+    inside = is_inside(distance)
     deepest = max(0.0, -1000.0 * float(distance.min(initial=0.0)))
     return Penetration(100.0 * float(inside.mean()), deepest)

@@ -7,7 +7,7 @@ from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift, sted
 from garment_jax.evaluation.clip_tables import Tables
 from garment_jax.evaluation.hausdorff import hausdorff_frame
-from garment_jax.evaluation.penetration import TOLERANCE_MM, penetration, signed_distance
+from garment_jax.evaluation.penetration import is_inside, penetration, pinched, signed_distance
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
 
@@ -75,15 +75,28 @@ def _solids(q: Sequence, tables: Tables, frames: np.ndarray) -> tuple[np.ndarray
 def _inside(
     v: np.ndarray, q: Sequence, tables: Tables, solids: tuple[np.ndarray, np.ndarray] | None, k: int
 ) -> dict[str, float]:
-    """Return one frame's penetration of the collider and, apart, of the rest of the body."""
+    """Return one frame's penetration of the collider and, apart, of the rest of the body.
+
+    Apart, too, those vertices inside the collider that nothing can push out, and the others alone.
+    """
     if solids is None or q.scene.collider is None or tables.collider is None:
         return {}
     body, collider = solids
-    d = signed_distance(v, collider[k], q.scene.collider.faces, tables.collider)
-    in_collider = penetration(d)
-    row = {"inside_percent": in_collider.inside_percent, "deepest_mm": in_collider.deepest_mm}
+    surface = collider[k], q.scene.collider.faces, tables.collider
+    d = signed_distance(v, *surface)
+    inside = is_inside(d)
+    stuck = np.zeros(len(v), bool)
+    stuck[inside] = pinched(v[inside], *surface) if inside.any() else False
+    in_collider, unpinched = penetration(d), penetration(np.where(stuck, np.inf, d))
+    row = {
+        "inside_percent": in_collider.inside_percent,
+        "deepest_mm": in_collider.deepest_mm,
+        "pinched_percent": 100.0 * float(stuck.mean()),
+        "unpinched_inside_percent": unpinched.inside_percent,
+        "unpinched_deepest_mm": unpinched.deepest_mm,
+    }
     if tables.body is not None:
         whole = signed_distance(v, body[k], q.scene.body.faces, tables.body)
-        rest = penetration(np.where(d < -TOLERANCE_MM / 1000.0, np.inf, whole))
+        rest = penetration(np.where(inside, np.inf, whole))
         row |= {"arms_inside_percent": rest.inside_percent, "arms_deepest_mm": rest.deepest_mm}
     return row

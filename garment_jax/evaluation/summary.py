@@ -75,12 +75,12 @@ def _drift(error: np.ndarray, skinned: np.ndarray) -> Metrics:
 
 def _contact(sampled: Columns, prefix: str) -> Metrics:
     figures: Metrics = {}
-    for part in ("", "arms_"):
+    for part in ("", "unpinched_", "arms_"):
         inside, deepest = f"{prefix}{part}inside_percent", f"{prefix}{part}deepest_mm"
         figures[inside] = _mean(sampled, inside)
         figures[deepest] = float(sampled[deepest].max()) if deepest in sampled else None
-    name = f"{prefix}self_intersecting_edges"
-    return figures | {name: _mean(sampled, name)}
+    means = (f"{prefix}pinched_percent", f"{prefix}self_intersecting_edges")
+    return figures | {name: _mean(sampled, name) for name in means}
 
 
 def _hem(positions: Columns) -> Metrics:

@@ -13,6 +13,7 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("drift ratio", "drift_ratio", ".2f"),
     ("inside %", "inside_percent", ".2f"),
     ("deepest mm", "deepest_mm", ".1f"),
+    ("pinched %", "pinched_percent", ".2f"),
     ("self-int. edges", "self_intersecting_edges", ".1f"),
     ("of truth", "truth_self_intersecting_edges", ".1f"),
     ("hem height diff. cm", "hem_height_difference_cm", "+.2f"),
@@ -22,26 +23,35 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("Laplacian power ÷ truth", "laplacian_power_ratio", ".2f"),
 )
 
+REST_OF_THE_BODY = (
+    ("arms inside %", "arms_inside_percent", ".2f"),
+    ("of truth %", "truth_arms_inside_percent", ".2f"),
+    ("arms deepest mm", "arms_deepest_mm", ".1f"),
+    ("of truth mm", "truth_arms_deepest_mm", ".1f"),
+)
 
-def format_table(results: dict[str, Any] | Sequence[dict[str, Any]]) -> str:
+
+def format_table(results: dict[str, Any] | Sequence[dict[str, Any]], *, whole_body: bool = False) -> str:
     """Return a Markdown table of one or several `evaluate_files` results, a clip a row.
 
-    Several clips get a row with their mean. A dash stands for a metric that does not apply.
+    With `whole_body` also the penetration of what is not part of the collider. Several clips get a row
+    with their mean. A dash stands for a metric that does not apply.
     """
+    columns = COLUMNS + (REST_OF_THE_BODY if whole_body else ())
     rows = [results] if isinstance(results, dict) else list(results)
     lines = [
-        "| clip | frames | " + " | ".join(heading for heading, _, _ in COLUMNS) + " |",
-        "|---|" + "---:|" * (len(COLUMNS) + 1),
+        "| clip | frames | " + " | ".join(heading for heading, _, _ in columns) + " |",
+        "|---|" + "---:|" * (len(columns) + 1),
     ]
-    lines += [_row(str(r["clip"]), str(r["frames"]), r["metrics"]) for r in rows]
+    lines += [_row(str(r["clip"]), str(r["frames"]), r["metrics"], columns) for r in rows]
     if len(rows) > 1:
         total = sum(r["frames"] for r in rows)
-        lines.append(_row(f"mean of {len(rows)}", str(total), mean_metrics(rows)))
+        lines.append(_row(f"mean of {len(rows)}", str(total), mean_metrics(rows), columns))
     return "\n".join(lines) + "\n" + _footnote(rows[0]["settings"])
 
 
-def _row(clip: str, frames: str, metrics: dict[str, float | None]) -> str:
-    cells = [_cell(metrics.get(name), form) for _, name, form in COLUMNS]
+def _row(clip: str, frames: str, metrics: dict[str, float | None], columns: tuple) -> str:
+    cells = [_cell(metrics.get(name), form) for _, name, form in columns]
     return f"| {clip} | {frames} | " + " | ".join(cells) + " |"
 
 
@@ -53,5 +63,6 @@ def _footnote(settings: dict[str, Any]) -> str:
     return (
         f"\nSTED over the {settings['sted_neighbourhood']}, window {settings['sted_window_frames']} frames, "
         f"c = {settings['sted_c']:g}. Hausdorff, inside, deepest and self-intersections on every "
-        f"{settings['every']}. frame; inside = more than {settings['penetration_tolerance_mm']:g} mm deep.\n"
+        f"{settings['every']}. frame; inside = more than {settings['penetration_tolerance_mm']:g} mm deep; "
+        "pinched = those of them where the collider crosses itself.\n"
     )

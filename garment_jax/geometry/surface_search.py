@@ -35,7 +35,7 @@ class Nearest(NamedTuple):
     """The answer of a search over `g` groups of points."""
 
     triangle: jax.Array  # [g, s] int32 row of the tables' faces, -1 where nothing lay within the limit
-    squared: jax.Array  # [g, s] float32 square metres to it, or the limit's square
+    squared: jax.Array  # [g, s] square metres to it, or the limit's square
 
 
 def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedSurface:
@@ -51,8 +51,8 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
 def search(points: Float[Array, "g s 3"], limit: Float[Array, "g s"], surface: PosedSurface) -> Nearest:
     """Return the nearest triangle of each point within its own `limit` (metres; below 0: not asked).
 
-    `points` are relative to `surface.origin`. Of triangles whose squared distances differ by less than
-    two millionths, either may be returned. Not differentiable.
+    `points` are relative to `surface.origin`. In float32, of triangles whose squared distances
+    differ by less than two millionths, either may be returned. Not differentiable.
     """
     g, s = limit.shape
     words = _marks(points, limit, surface)
@@ -85,18 +85,21 @@ def search(points: Float[Array, "g s 3"], limit: Float[Array, "g s"], surface: P
     key = _key(jnp.where(limit < 0, 0.0, limit * limit).reshape(-1), LEAF - 1)
     start = (jnp.int32(0), key, jnp.full(g * s, -1, jnp.int32))
     _, key, where = jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)
-    triangle = jnp.where(where < 0, -1, where * LEAF + (key & (LEAF - 1)))
-    squared = jax.lax.bitcast_convert_type(key & ~(LEAF - 1), jnp.float32)
-    return Nearest(triangle.reshape(g, s), squared.reshape(g, s))
+    triangle = jnp.where(where < 0, -1, where * LEAF + (key & (LEAF - 1)).astype(jnp.int32))
+    digits = jnp.float64 if key.dtype == jnp.int64 else jnp.float32
+    squared = jax.lax.bitcast_convert_type(key & ~(LEAF - 1), digits).astype(limit.dtype)
+    return Nearest(triangle.astype(jnp.int32).reshape(g, s), squared.reshape(g, s))
 
 
 def _key(squared: Array, slots: Array | int) -> Array:
     """Return integers ordered like `squared` (>= 0) with the slot in the four lowest bits.
 
-    An integer minimum vectorises where an arg-minimum does not; the price is 2^-19 of the square.
+    An integer minimum vectorises where an arg-minimum does not; the price is 2^-19 of the square in
+    float32 and 2^-48 in float64.
     """
-    bits = jax.lax.bitcast_convert_type(squared.astype(jnp.float32), jnp.int32)
-    return (bits & ~(LEAF - 1)) | slots
+    if squared.dtype == jnp.float64:
+        return (jax.lax.bitcast_convert_type(squared, jnp.int64) & ~(LEAF - 1)) | slots
+    return (jax.lax.bitcast_convert_type(squared.astype(jnp.float32), jnp.int32) & ~(LEAF - 1)) | slots
 
 
 def group_boxes(points: Float[Array, "g s 3"], asked: Array) -> tuple[Array, Array]:
@@ -149,5 +152,5 @@ def distance_to(
 def distance_to_any(points: Float[Array, "n 3"], surface: PosedSurface) -> Float[Array, " n"]:
     """Return the distance to the nearest leaf's first corner: an upper bound from nothing."""
     corners = surface.corners[:, 0, 0]
-    squared = sum((points[:, x, None] - corners[None, :, x]) ** 2 for x in range(3))
+    squared = ((points[:, None] - corners[None]) ** 2).sum(axis=-1)
     return jnp.sqrt(squared.min(axis=1)) * (1 + 1e-4) + 1e-6

@@ -3,22 +3,27 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.motion_features import feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
-from garment_jax.collision import (
-    CollisionOptions,
-    CollisionState,
-    initial_state,
-    make_collider_tables,
-    make_collision_tables,
-    resolve_collisions,
+from garment_jax.collision import CollisionOptions, make_collider_tables, make_collision_tables
+from garment_jax.collision.sequence import (
+    Carry,
+    FrameFigures,
+    first_carry,
+    join_figures,
+    make_resolver,
+    padded,
+    per_frame_columns,
 )
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
@@ -26,7 +31,6 @@ from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.clips import rollout_chunks, stack_motions
 from garment_jax.rollout.model import Model, skinned_template, template_for
-from garment_jax.rollout.placement import carried_points, pose_carried
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, Motion, Scene
@@ -39,6 +43,7 @@ class Chunk(NamedTuple):
 
     V: np.ndarray  # [k, n, 3] float32 metres, world
     deepest: np.ndarray  # [k] metres inside the collider before collision handling; 0 without it
+    collision: FrameFigures | None = None  # of each frame; None without collision handling
 
 
 def animate(
@@ -76,7 +81,7 @@ def animate(
         finished = finish(V, slice(start, stop))
         skip = max(preroll - start, 0)
         if skip < stop - start:
-            yield Chunk(finished.V[skip:], finished.deepest[skip:])
+            yield jax.tree.map(itemgetter(slice(skip, None)), finished)
 
 
 def _finisher(
@@ -95,14 +100,16 @@ def _finisher(
 
     def finish(V: jax.Array, frames: slice) -> Chunk:
         count = frames.stop - frames.start
-        pins, collider = pose_carried(carried, scene, motion, inputs, frames)
-        deepest = np.zeros(count, np.float32)
+        pins, collider = pose_carried(carried, scene, motion, frames)
+        deepest, figures = np.zeros(count, np.float32), None
         if resolve is not None:
-            V, deepest = resolve(V, pins, collider)
+            V, figures = resolve(V, pins, collider)
+            figures = FrameFigures(*(np.asarray(x)[:count] for x in figures))
+            deepest = figures.deepest_before
         placed = np.array(V[:count], np.float64)
         placed[:, carried.pins] = pins
         world = from_root(placed, inputs.root[frames], inputs.yaw[frames])
-        return Chunk(world.astype(np.float32), np.asarray(deepest)[:count])
+        return Chunk(world.astype(np.float32), deepest, figures)
 
     return finish
 
@@ -115,35 +122,16 @@ def _resolver(model: Model, scene: Scene, template: Template) -> Callable:
     settings = model.config.collision
     options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
     pins = None if scene.pins is None else scene.pins.vertices
+    resolve = make_resolver(tables, pins=pins, options=options)
+    known: list[Carry] = []
 
-    @jax.jit
-    def resolve(V: jax.Array, pin_positions: jax.Array, collider: jax.Array, state: CollisionState):
-        def frame(state: CollisionState, inputs):
-            v, pinned, c = inputs
-            result, state = resolve_collisions(
-                v,
-                c,
-                state,
-                tables=tables,
-                pins=pins,
-                pin_positions=None if pins is None else pinned,
-                options=options,
-            )
-            return state, (result.V, result.deepest_before)
-
-        return jax.lax.scan(frame, state, (V, pin_positions, collider))
-
-    known: list[CollisionState] = []
-
-    def run(V: jax.Array, pin_positions: np.ndarray, collider: np.ndarray):
+    def run(V: jax.Array, pin_positions: np.ndarray, collider: np.ndarray) -> tuple[jax.Array, FrameFigures]:
         if not known:
-            known.append(initial_state(V[0], collider[0], surface))
-        pad = len(V) - len(collider)
-        # the last chunk's padding repeats its last frame: one compiled length
-        pin_positions = np.concatenate([pin_positions, np.repeat(pin_positions[-1:], pad, axis=0)])
-        collider = np.concatenate([collider, np.repeat(collider[-1:], pad, axis=0)])
-        known[0], (V, deepest) = resolve(V, pin_positions, collider, known[0])
-        return V, deepest
+            known.append(first_carry(V[0], jnp.asarray(collider[0]), tables))
+        # the rollout has padded the last chunk already
+        carried = (jnp.asarray(padded(x, len(V))) for x in (pin_positions, collider))
+        known[0], V, figures = resolve(known[0], V, *carried)
+        return V, figures
 
     return run
 
@@ -161,7 +149,8 @@ def animate_file(
 
     Raises `ValueError` where `out` is `clip`, which it would replace, and what `animate` refuses.
     Progress goes to standard error. The file appears when it is whole. Per frame it also holds how far
-    the motion leaves the training range (`extra/outside_training_range`, in ranges; 0 inside).
+    the motion leaves the training range (`extra/outside_training_range`, in ranges; 0 inside), and what
+    collision handling did (`extra/collision_...`, see `docs/collision.md`).
     """
     if Path(out).resolve() == Path(clip).resolve():
         raise ValueError(f"{out} holds the motion itself; write the animation to another file.")
@@ -171,17 +160,22 @@ def animate_file(
     outside, worst = training_range(model, scene, motion)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
+    figures: list[FrameFigures] = []
     attributes = {"kind": "predicted", "name": name}
     pieces = animate(model, scene, motion, detail=detail, collision=collision, preroll=preroll, name=name)
     with SequenceWriter(out, scene, motion, attributes=attributes) as writer:
         for piece in pieces:
             writer.append(piece.V)
             frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
+            figures += [] if piece.collision is None else [piece.collision]
             rate = frames / (time.perf_counter() - began)
             left = (len(motion.root) - frames) / rate
             line = f"\r{name}: {frames}/{len(motion.root)} frames, {rate:.0f} frames/s, {left:.0f} s left "
             print(line, end="", file=sys.stderr, flush=True)
         writer.add_per_frame("outside_training_range", outside)
+        if figures:
+            for name, values in per_frame_columns(join_figures(figures)).items():
+                writer.add_per_frame(name, values)
     print(file=sys.stderr)
     if outside.max() > 0.1:
         print(

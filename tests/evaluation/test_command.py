@@ -10,7 +10,7 @@ from garment_jax.evaluation.command import evaluate_files
 from garment_jax.evaluation.hausdorff import hausdorff
 from garment_jax.evaluation.rmse import mean_distance, rmse
 from garment_jax.evaluation.summary import mean_metrics
-from garment_jax.evaluation.table import COLUMNS, format_table
+from garment_jax.evaluation.table import COLUMNS, REST_OF_THE_BODY, format_table
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
 FRAMES = 40
@@ -106,6 +106,28 @@ def test_penetration_sees_a_garment_pushed_into_the_body(pair, scene, tmp_path):
     metrics = evaluate_files(thin, pair[1], every=20)["metrics"]
     assert metrics["inside_percent"] > 10
     assert metrics["deepest_mm"] > 10
+    assert 0 <= metrics["pinched_percent"] < 1  # this body's legs hardly cross
+    apart = metrics["pinched_percent"] + metrics["unpinched_inside_percent"]
+    assert apart == pytest.approx(metrics["inside_percent"])
+
+
+def test_what_lies_where_the_legs_cross_is_reported_apart(pair, scene, tmp_path):
+    with open_sequence(pair[1]) as clip:
+        motion, V = clip.motion, clip.read(0, clip.frames)
+    names = scene.body.joint_names
+    rotations = motion.rotations.copy()
+    for side, sign in (("Left", -1), ("Right", 1)):  # knees together and past each other
+        turn, c, s = np.eye(3), np.cos(0.5), sign * np.sin(0.5)
+        turn[:2, :2] = [[c, -s], [s, c]]
+        for part in ("UpLeg", "Leg", "Foot", "ToeBase"):
+            rotations[:, names.index(side + part)] = motion.rotations[:, 0] @ turn
+    crossed = motion._replace(rotations=rotations.astype(np.float32))
+    V[:, -1] = motion.root + (motion.rotations[:, 0] @ [0.0, -0.3, 0.0])
+    path = _write(tmp_path / "crossed.h5", scene, crossed, V)
+    metrics = evaluate_files(path, path, every=20)["metrics"]
+    assert metrics["pinched_percent"] >= 100 / V.shape[1] - 1e-9
+    assert metrics["truth_pinched_percent"] == metrics["pinched_percent"]
+    assert metrics["unpinched_inside_percent"] < metrics["inside_percent"]
 
 
 def test_without_collider_pins_or_arms_the_rest_is_measured(pair, scene, tmp_path):
@@ -135,7 +157,10 @@ def test_table_has_a_row_a_clip_and_the_mean(result):
     assert len({row.count("|") for row in rows}) == 1
     assert f"{result['metrics']['rmse_cm']:.2f}" in rows[-1]
     assert "c = 0.1" in table
-    assert {name for _, name, _ in COLUMNS} <= set(result["metrics"])
+    assert {name for _, name, _ in COLUMNS + REST_OF_THE_BODY} <= set(result["metrics"])
+    wider = format_table(result, whole_body=True).splitlines()
+    assert wider[0].count("|") == rows[0].count("|") + len(REST_OF_THE_BODY)
+    assert "arms inside %" in wider[0]
     assert mean_metrics([result, result])["rmse_cm"] == pytest.approx(result["metrics"]["rmse_cm"])
     with pytest.raises(ValueError, match="0 results"):
         mean_metrics([])

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from garment_jax.body.kinematics import collider_points, pose_body
-from garment_jax.evaluation.penetration import neighbour_faces, penetration, signed_distance
+from garment_jax.evaluation.penetration import neighbour_faces, penetration, pinched, signed_distance
 from tests.reference.scene import make_motion, make_scene
 
 
@@ -98,3 +98,36 @@ def test_penetration_counts_below_a_tenth_of_a_millimetre_and_finds_the_deepest(
     assert figures.inside_percent == pytest.approx(50.0)
     assert figures.deepest_mm == pytest.approx(20.0)
     assert penetration(np.array([0.01, 0.02])) == (0.0, 0.0)
+
+
+def _two_boxes(gap):
+    """Boxes of 1 m side by side along x, `gap` metres apart; they cross where it is negative."""
+    left = trimesh.creation.box(extents=(1.0, 1.0, 1.0))
+    right = left.vertices + [1.0 + gap, 0.0, 0.0]
+    vertices = np.concatenate([left.vertices, right])
+    return vertices, np.concatenate([left.faces, left.faces + len(left.vertices)])
+
+
+def test_pinched_is_what_lies_where_the_surface_crosses_itself():
+    vertices, faces = _two_boxes(-0.2)
+    neighbours = neighbour_faces(faces)
+    points = np.array(
+        [
+            [0.4, 0.0, 0.0],  # in both boxes
+            [0.45, 0.45, 0.0],  # in both, near the top
+            [0.0, 0.45, 0.0],  # in the left one alone
+            [0.9, 0.0, 0.4],  # in the right one alone
+        ]
+    )
+    assert (signed_distance(points, vertices, faces, neighbours) < 0).all()
+    stuck = pinched(points, vertices, faces, neighbours)
+    np.testing.assert_array_equal(stuck, [True, True, False, False])
+
+
+@pytest.mark.parametrize(("gap", "stuck"), [(0.0005, True), (0.002, False)])
+def test_parts_that_touch_pinch_what_lies_at_their_contact_and_parts_apart_do_not(gap, stuck):
+    vertices, faces = _two_boxes(gap)
+    points = np.array([[0.49, 0.0, 0.0], [0.51 + gap, 0.2, 0.0], [-0.49, 0.0, 0.0]])
+    np.testing.assert_array_equal(
+        pinched(points, vertices, faces, neighbour_faces(faces)), [stuck, stuck, False]
+    )

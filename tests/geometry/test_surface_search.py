@@ -50,3 +50,12 @@ def test_bounds_are_above_the_distance():
     named = distance_to(jnp.arange(len(cloud)) % len(tables.faces), local, surface)
     assert (np.asarray(any_bound) > expected).all()
     assert (np.asarray(named) > expected).all()
+
+
+def test_two_bytes_search_too():
+    cloud, surface, _, expected = setting()
+    coarse = jax.tree.map(lambda x: x.astype(jnp.bfloat16), surface)
+    local = (jnp.asarray(cloud)[:, None] - surface.origin[None, None]).astype(jnp.bfloat16)
+    found = find(local, jnp.full((len(cloud), 1), jnp.inf, jnp.bfloat16), coarse)
+    assert (found.triangle >= 0).all()
+    assert np.abs(np.sqrt(found.squared[:, 0].astype(jnp.float32)) - expected).max() < 0.01

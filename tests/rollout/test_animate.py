@@ -96,6 +96,10 @@ def test_collisions_are_resolved_and_pins_stay():
     deepest = np.concatenate([chunk.deepest for chunk in chunks])
     assert deepest.shape == (18,)
     assert deepest.max() > 0.001  # an untrained garment runs through the body
+    figures = [chunk.collision for chunk in chunks]
+    assert [len(figure.outcome) for figure in figures] == [16, 2]
+    np.testing.assert_array_equal(np.concatenate([f.deepest_before for f in figures]), deepest)
+    assert all((f.deepest_after <= f.deepest_before).all() for f in figures)
     bare = frames_of(tiny_model(), motion)
     pins = SCENE.pins
     assert pins is not None

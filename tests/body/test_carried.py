@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_body, pose_points
-from garment_jax.body.root_frame import to_root
-from garment_jax.rollout.placement import carried_points, pose_carried
-from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import SCENE, inputs_of
+from garment_jax.body.root_frame import heading, to_root
+from tests.reference.scene import make_motion, make_scene
 
+SCENE = make_scene()
 MOTION = make_motion(SCENE, 9, seed=1)
 FRAMES = slice(2, 7)
 
@@ -15,10 +15,9 @@ FRAMES = slice(2, 7)
 def test_pins_and_collider_are_those_of_the_posed_body():
     assert SCENE.pins is not None
     assert SCENE.collider is not None
-    inputs = inputs_of(MOTION)
-    frame = inputs.root[FRAMES], inputs.yaw[FRAMES]
+    frame = MOTION.root[FRAMES], heading(MOTION.rotations[FRAMES, 0])
     carried = carried_points(SCENE, collider=True)
-    pins, collider = pose_carried(carried, SCENE, MOTION, inputs, FRAMES)
+    pins, collider = pose_carried(carried, SCENE, MOTION, FRAMES)
     body = pose_body(SCENE.body, MOTION, np.arange(FRAMES.start, FRAMES.stop))
     whole = to_root(collider_points(SCENE.collider, body), *frame)
     np.testing.assert_allclose(collider, whole, atol=1e-6)
@@ -31,10 +30,9 @@ def test_pins_and_collider_are_those_of_the_posed_body():
 
 def test_what_a_scene_lacks_is_left_out():
     bare = SCENE._replace(collider=None, pins=None)
-    inputs = inputs_of(MOTION)
     for scene, collider, shapes in (
         (bare, True, ((5, 0, 3), (5, 0, 3))),
         (SCENE, False, ((5, 16, 3), (5, 0, 3))),
     ):
-        parts = pose_carried(carried_points(scene, collider=collider), scene, MOTION, inputs, FRAMES)
+        parts = pose_carried(carried_points(scene, collider=collider), scene, MOTION, FRAMES)
         assert tuple(part.shape for part in parts) == shapes

@@ -32,7 +32,7 @@ def looped_motion(motion: Motion, frames: int, *, blend: int = BLEND) -> Motion:
         weight = u.reshape(-1, *[1] * (x.ndim - 1))
         return np.concatenate([(1 - weight) * x[period:] + weight * x[:blend], x[blend:period]])
 
-    poses = np.concatenate([_blended(local[period:], local[:blend], u), local[blend:period]])
+    poses = np.concatenate([blended_rotations(local[period:], local[:blend], u), local[blend:period]])
     which = np.arange(frames) % period
     steps, turns = cycle(shift)[which], cycle(turn)[which]
     angle = yaw[0] + np.concatenate([[0.0], np.cumsum(turns[:-1])])
@@ -43,8 +43,8 @@ def looped_motion(motion: Motion, frames: int, *, blend: int = BLEND) -> Motion:
     return Motion(rotations, root, motion.fps)
 
 
-def _blended(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return rotations `[k, j, 3, 3]` a part `u` `[k]` of the way from `a` to `b`."""
+def blended_rotations(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return rotations `[k, j, 3, 3]` a part `u` `[k]` of the shortest way from `a` to `b`."""
     shape = a.shape
     first, last = (Rotation.from_matrix(x.reshape(-1, 3, 3)) for x in (a, b))
     way = (first.inv() * last).as_rotvec() * np.repeat(u, shape[1])[:, None]

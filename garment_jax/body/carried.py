@@ -1,12 +1,11 @@
-"""What joins a root-frame rollout to the posed body: pins and the collider, chunk by chunk (host)."""
+"""What the body carries through a clip: pins and the collider in the root frame, chunk by chunk (host)."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from garment_jax.body.kinematics import joint_positions, pose_points
-from garment_jax.body.root_frame import to_root
-from garment_jax.data.motion_input import MotionInput
+from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.structs import Motion, Scene
 
 
@@ -39,16 +38,19 @@ def carried_points(scene: Scene, *, collider: bool) -> Carried:
 
 
 def pose_carried(
-    carried: Carried, scene: Scene, motion: Motion, inputs: MotionInput, frames: slice
+    carried: Carried, scene: Scene, motion: Motion, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pins `[k, p, 3]` and the collider `[k, c, 3]` at `frames`, metres, root frames."""
-    rotations = motion.rotations[frames]
+    rotations, root = motion.rotations[frames], motion.root[frames]
     if not len(carried.points):
         none = np.zeros((len(rotations), 0, 3), np.float32)
         return none, none
-    positions = joint_positions(rotations, motion.root[frames], scene.body)
+    yaw = heading(rotations[:, 0])
+    # joints into the root frame rather than the points: there are a hundred times as many of these
+    positions = to_root(joint_positions(rotations, root, scene.body), root.astype(np.float64), yaw)
+    rotations = np.swapaxes(yaw_matrix(yaw), -1, -2)[:, None] @ rotations.astype(np.float64)
     posed = pose_points(carried.points, carried.weights, rotations, positions, scene.body.joints)
-    posed = to_root(posed, inputs.root[frames], inputs.yaw[frames]).astype(np.float32)
+    posed = posed.astype(np.float32)
     collider = posed[:, carried.collider]
     if len(carried.cap):
         collider = np.concatenate([collider, posed[:, carried.cap].mean(axis=1, keepdims=True)], axis=1)

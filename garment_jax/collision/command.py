@@ -1,0 +1,172 @@
+"""`garment-jax collide`: the collisions of a finished sequence, resolved alone and by windows."""
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.root_frame import from_root, heading, to_root
+from garment_jax.collision.result import MESSAGES, Outcome
+from garment_jax.collision.sequence import (
+    FrameFigures,
+    first_carry,
+    join_figures,
+    make_resolver,
+    padded,
+    per_frame_columns,
+)
+from garment_jax.collision.solid import Solid, solid_for
+from garment_jax.collision.solver import CollisionOptions
+from garment_jax.collision.tables import make_collider_tables, make_collision_tables
+from garment_jax.config import CollisionConfig
+from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
+from garment_jax.data.validation import check_input
+from garment_jax.geometry.laplacian import uniform_table
+
+WINDOW = 64  # frames in memory at a time, and in one compiled piece
+LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
+
+
+class Report(NamedTuple):
+    """A sequence's collision handling."""
+
+    frames: int
+    seconds: float
+    figures: FrameFigures
+
+
+def collide_file(
+    path: str | Path,
+    out: str | Path,
+    *,
+    body: str | Path | None = None,
+    whole_body: bool = False,
+    eps: float = CollisionConfig.eps,
+    iterations: int = CollisionConfig.iterations,
+) -> Report:
+    """Resolve the collisions of the sequence file `path`, write the sequence file `out`, report.
+
+    The collider is that of the scene, or with `whole_body` all of its body. `body` names another
+    sequence file of as many frames, whose moving body takes the place of the sequence's own, or a rigged
+    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. Pinned
+    vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
+    `extra/collision_...` are added. Raises `ValueError` or `OSError` in one sentence.
+    """
+    _check_settings(eps, iterations)
+    _check_paths(Path(path), Path(out), body)
+    began = time.perf_counter()
+    with open_sequence(path) as sequence:
+        check_input(sequence)
+        sequence.read(0, 1)  # a motion without vertices is refused before anything is made
+        solid = solid_for(sequence, body, whole_body=whole_body)
+        options = CollisionOptions(eps=eps, iterations=iterations, tolerance=CollisionConfig.tolerance)
+        writer = SequenceWriter(
+            out,
+            solid.scene,
+            solid.motion,
+            encoding=sequence.encoding,
+            scale=sequence.scale or DEFAULT_SCALE,
+            attributes=sequence.attributes | {"collision_eps_m": eps},
+        )
+        pieces: list[FrameFigures] = []
+        with writer:
+            for start, V, piece in _resolved(sequence, solid, options):
+                writer.append(V)
+                pieces.append(piece)
+                _show(sequence, start + len(V), began)
+            figures = join_figures(pieces)
+            for name, values in (_kept_columns(sequence) | per_frame_columns(figures)).items():
+                writer.add_per_frame(name, values)
+        print(file=sys.stderr)
+        return Report(sequence.frames, time.perf_counter() - began, figures)
+
+
+def summary(report: Report) -> list[str]:
+    """Return what to print: one line of figures, then a line for each way in which frames fell short."""
+    f, worst = report.figures, int(np.argmax(report.figures.pop))
+    short = ~np.isin(f.outcome, (Outcome.NOTHING_TO_DO, Outcome.CONVERGED))
+    lines = [
+        f"{report.frames} frames, {report.frames / report.seconds:.0f} frames/s with the start; "
+        f"deepest {1e3 * f.deepest_before.max():.2f} mm before, {1e3 * f.deepest_after.max():.2f} after; "
+        f"vertices inside, over all frames, {int(f.penetrating_before.sum())} before, "
+        f"{int(f.penetrating_after.sum())} after; {short.sum()} frames not converged; "
+        f"largest pop {1e3 * f.pop[worst]:.2f} mm (frame {worst})"
+    ]
+    for outcome in np.unique(f.outcome[short]):
+        frames = np.flatnonzero(f.outcome == outcome)
+        which = ", ".join(map(str, frames[:5])) + (", …" if len(frames) > 5 else "")
+        count = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
+        lines.append(f"{count} ({which}): {MESSAGES[Outcome(int(outcome))]}")
+    return lines
+
+
+def _check_settings(eps: float, iterations: int) -> None:
+    if not 0 <= eps <= LARGEST_EPS:
+        raise ValueError(
+            f"--eps {1e3 * eps:g} mm is out of range; give 0 to {1e3 * LARGEST_EPS:g} millimetres, such as "
+            f"{1e3 * CollisionConfig.eps:g}."
+        )
+    if iterations < 0:
+        raise ValueError(f"--iterations {iterations} is negative; give the gradient steps a frame may take.")
+
+
+def _check_paths(path: Path, out: Path, body: str | Path | None) -> None:
+    for given in (path, body):
+        if given is not None and out.resolve() == Path(given).resolve():
+            raise ValueError(f"--out {out} is what is read, {given}; write to another file.")
+
+
+def _kept_columns(sequence: Sequence) -> dict[str, np.ndarray]:
+    """Return the sequence's own per-frame data; a few values a frame."""
+    return {name: sequence.read_extra(name, 0, sequence.frames) for name in sequence.extra_names}
+
+
+def _resolved(
+    sequence: Sequence, solid: Solid, options: CollisionOptions
+) -> Iterator[tuple[int, np.ndarray, FrameFigures]]:
+    """Yield `(start, V [k, n, 3] world metres, figures)` by windows, each after the last one's contacts."""
+    scene, motion = solid.scene._replace(pins=None, collider=solid.collider), solid.motion
+    garment, pins = sequence.scene.garment, sequence.scene.pins
+    surface = make_collider_tables(solid.collider, scene.body)
+    table = uniform_table(garment.faces, len(garment.template))
+    tables = make_collision_tables(garment.template, table, surface)
+    held = np.zeros(0, np.int32) if pins is None else pins.vertices
+    resolve = make_resolver(tables, pins=held, options=options)
+    carried = carried_points(scene, collider=True)
+    size, carry = min(WINDOW, sequence.frames), None
+    for start, world in sequence.windows(size):
+        count = len(world)
+        frames = slice(start, start + count)
+        _check_finite(world, start, sequence.name)
+        root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
+        V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
+        collider = pose_carried(carried, scene, motion, frames)[1]
+        if carry is None:
+            carry = first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables)
+        filled, solids = jnp.asarray(padded(V, size)), jnp.asarray(padded(collider, size))
+        carry, resolved, figures = resolve(carry, filled, filled[:, held], solids)
+        moved = np.asarray(resolved)[:count]
+        placed = from_root(moved.astype(np.float64), root, yaw).astype(np.float32)
+        # What did not move keeps its digits: turning there and back would change the last one.
+        V_world = np.where((moved != V).any(axis=-1, keepdims=True), placed, world)
+        yield start, V_world, FrameFigures(*(np.asarray(x)[:count] for x in figures))
+
+
+def _check_finite(V: np.ndarray, start: int, name: str) -> None:
+    bad = ~np.isfinite(V).all(axis=(1, 2))
+    if bad.any():
+        raise ValueError(
+            f"{name}: frame {start + int(bad.argmax())} is not finite; the rollout diverged or the file is "
+            "damaged, make it again."
+        )
+
+
+def _show(sequence: Sequence, frames: int, began: float) -> None:
+    rate = frames / (time.perf_counter() - began)
+    line = f"\r{sequence.name}: {frames}/{sequence.frames} frames, {rate:.0f} frames/s "
+    print(line, end="", file=sys.stderr, flush=True)

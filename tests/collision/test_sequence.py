@@ -1,0 +1,110 @@
+"""Frames resolved in stretches: the same as one after the other, with the figures of each."""
+
+from functools import lru_cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
+from garment_jax.collision.sequence import (
+    FrameFigures,
+    first_carry,
+    join_figures,
+    make_resolver,
+    padded,
+    per_frame_columns,
+)
+from tests.collision.cloth import sheet, tables
+
+PINS = np.array([0, 23, 552, 575], np.int32)
+OPTIONS = CollisionOptions(iterations=40, rings=6)
+HEIGHTS = (0.5, 0.21, 0.2, 0.2, 0.5, 0.2, 0.22, 0.3, 0.5)  # of the sheet; the surface ends below 0.4
+STRETCH = 5  # the last stretch is padded
+
+
+@lru_cache
+def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Garment, pins and collider of a sheet that sinks into the bumpy surface and leaves it."""
+    body = tables()[1]
+    V = np.stack([sheet(height)[0] for height in HEIGHTS])
+    return V, V[:, PINS], np.stack([body] * len(V))
+
+
+@lru_cache
+def resolver():
+    return make_resolver(tables()[0], pins=PINS, options=OPTIONS)
+
+
+def start():
+    V, _, collider = inputs()
+    return first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables()[0])
+
+
+def resolve_all(V: np.ndarray, pins: np.ndarray, collider: np.ndarray) -> tuple[np.ndarray, FrameFigures]:
+    """Resolve the frames stretch after stretch."""
+    parts, figures, carry = [], [], start()
+    for first in range(0, len(V), STRETCH):
+        piece = [x[first : first + STRETCH] for x in (V, pins, collider)]
+        carry, out, more = resolver()(carry, *(jnp.asarray(padded(x, STRETCH)) for x in piece))
+        count = len(piece[0])
+        parts.append(np.asarray(out)[:count])
+        figures.append(FrameFigures(*(np.asarray(x)[:count] for x in more)))
+    return np.concatenate(parts), join_figures(figures)
+
+
+@lru_cache
+def resolved() -> tuple[np.ndarray, FrameFigures]:
+    return resolve_all(*inputs())
+
+
+def test_stretches_are_their_frames_one_after_the_other():
+    made, _, _ = tables()
+    V, figures = resolved()
+    frame = jax.jit(partial(resolve_collisions, tables=made, pins=PINS, options=OPTIONS))
+    V_f, pins, collider = map(jnp.asarray, inputs())
+    state = initial_state(V_f[0], collider[0], made.surface)
+    for t in range(len(V_f)):
+        result, state = frame(V_f[t], collider[t], state, pin_positions=pins[t])
+        np.testing.assert_allclose(V[t], result.V, atol=1e-6)
+        assert figures.outcome[t] == result.outcome
+        assert figures.penetrating_before[t] == result.penetrating_before
+        np.testing.assert_allclose(figures.deepest_before[t], result.deepest_before, atol=1e-7)
+        assert (figures.steps[t], figures.penetrating_after[t]) == (result.steps, result.penetrating_after)
+
+
+def test_the_pop_is_the_largest_change_of_a_correction_and_the_first_frame_has_none():
+    V, figures = resolved()
+    correction = V.astype(np.float64) - inputs()[0]
+    change = np.linalg.norm(np.diff(correction, axis=0), axis=-1).max(axis=1)
+    np.testing.assert_allclose(figures.pop[1:], change, atol=1e-7)
+    assert figures.pop[0] == 0
+    assert figures.pop[1] > 0.01  # the sheet falls in at once
+    assert figures.outcome[0] == figures.outcome[-1] == Outcome.NOTHING_TO_DO
+
+
+def test_pins_that_are_put_in_their_place_are_no_correction():
+    V, pins, collider = inputs()
+    made = np.repeat(V[:1], len(V), axis=0)
+    shifted = pins + np.arange(len(V), dtype=np.float32)[:, None, None]
+    far, figures = resolve_all(made, shifted, collider)
+    np.testing.assert_array_equal(far[:, PINS], shifted)
+    np.testing.assert_array_equal(figures.pop, 0.0)
+
+
+def test_columns_are_in_millimetres_and_one_a_frame():
+    columns = per_frame_columns(resolved()[1])
+    assert all(len(values) == len(HEIGHTS) for values in columns.values())
+    np.testing.assert_allclose(columns["collision_pop_mm"], 1e3 * resolved()[1].pop)
+    lengths = [name for name in columns if "deepest" in name or "pop" in name]
+    assert len(lengths) == 3
+    assert all(name.endswith("_mm") for name in lengths)
+
+
+def test_a_nan_in_one_frame_does_not_reach_the_next_ones_pop():
+    V, pins, collider = inputs()
+    bad = V.copy()
+    bad[2, 300, 1] = np.nan
+    figures = resolve_all(bad, pins, collider)[1]
+    assert figures.outcome[2] == Outcome.NOT_FINITE
+    assert np.isfinite(figures.pop).all()
