@@ -1,4 +1,4 @@
-"""`garment-jax COMMAND`: simulate, floor, import, info, evaluate, render, save.
+"""`garment-jax COMMAND`: simulate, floor, import, info, collide, evaluate, render, stability, save.
 
 Commands import what they need when they run, so that `--help` is quick. What a user can do wrong ends
 in one sentence and exit code 2.
@@ -17,10 +17,10 @@ GARMENTS = ("skirt", "circle_skirt", "dress", "cape")  # as embedded.scene; not 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit code (0, or 2 after a refusal)."""
+    """Run one command; return the exit code (0, 1 for a red stability report, 2 after a refusal)."""
     options = make_parser().parse_args(arguments)
     try:
-        options.run(options)
+        return options.run(options) or 0
     except BrokenPipeError:
         sys.stderr.close()  # the reader (head, less) has had enough; nothing is wrong
         return 0
@@ -30,7 +30,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
-    return 0
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -44,8 +43,10 @@ def make_parser() -> argparse.ArgumentParser:
     _add_floor(commands)
     _add_import(commands)
     _add_info(commands)
+    _add_collide(commands)
     _add_evaluate(commands)
     _add_render(commands)
+    _add_stability(commands)
     _add_save(commands)
     return parser
 
@@ -58,6 +59,10 @@ def _add_simulate(commands) -> None:
     )
     parser.add_argument("--vary", nargs="+", type=Path, help="training clips to simulate varied motions of")
     parser.add_argument("--copies", type=int, default=1, help="varied motions of each clip (default 1)")
+    parser.add_argument(
+        "--turn", type=float, default=60.0, help="a varied body turns besides, deg/s at most (default 60)"
+    )
+    parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
     parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
     parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
     parser.add_argument("--seed", type=int, default=0, help="of the embedded or varied motions")
@@ -84,15 +89,24 @@ def _add_simulate(commands) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
+    from garment_jax.embedded.made import check_count
     from garment_jax.simulation.clips import simulate_clips
     from garment_jax.simulation.command import (
         EMBEDDED_CLOTH,
+        check_frames,
+        check_numbers,
+        check_rest_shape,
         cloth_settings,
         embedded_jobs,
         read_pattern,
         varied_jobs,
     )
 
+    _check_way(options)
+    if options.embedded:
+        check_frames(options.frames)
+        check_count(options.vertices)
+    check_numbers(vars(options))
     settings = cloth_settings([*EMBEDDED_CLOTH.get(options.embedded, []), *options.cloth])
     flat = None if options.pattern is None else read_pattern(options.pattern)
     if options.embedded is not None:
@@ -101,9 +115,13 @@ def _simulate(options: argparse.Namespace) -> None:
         scene, flat = make_outfit(options.embedded, vertices=options.vertices)
         jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
     elif options.vary is not None:
-        scene, jobs = varied_jobs(options.vary, copies=options.copies, seed=options.seed)
+        scene, jobs = varied_jobs(
+            options.vary, copies=options.copies, seed=options.seed, turn=options.turn, longest=options.longest
+        )
+        check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
     else:
         scene, jobs = _own_files(options, settings.fps)
+        check_rest_shape(scene.garment, flat, options.pattern or options.garment)
     show = partial(print, flush=True)
     outcomes = simulate_clips(
         scene, jobs, options.out, settings, flat=flat, workers=options.workers, progress=show
@@ -115,16 +133,27 @@ def _simulate(options: argparse.Namespace) -> None:
         raise ValueError(f"left out: {lost}; the reasons are above.")
 
 
+def _check_way(options: argparse.Namespace) -> None:
+    """Refuse files that would not be looked at."""
+    own = ("garment", "body", "collider", "motion", "joints")
+    for way, others in (("embedded", ("vary", "pattern", *own)), ("vary", own)):
+        given = [name for name in others if getattr(options, name) is not None]
+        if getattr(options, way) is not None and given:
+            raise ValueError(f"--{way} brings its own scene and motions; leave out --{given[0]}.")
+
+
 def _own_files(options: argparse.Namespace, fps: float) -> tuple:
     """Return the scene and the clips that a user's own files describe."""
     from garment_jax.body.retarget import read_joint_table
     from garment_jax.data.scene_files import load_scene
-    from garment_jax.simulation.command import bvh_jobs
+    from garment_jax.simulation.command import bvh_jobs, check_collider
 
     missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
     if missing:
         raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
     scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
+    if scene.collider is not None:
+        check_collider(scene.collider, options.collider)
     jobs = bvh_jobs(
         options.motion,
         scene.body,
@@ -221,6 +250,33 @@ def _info(options: argparse.Namespace) -> None:
         print("\n\n".join(format_description(path, fact) for path, fact in facts.items()))
 
 
+def _add_collide(commands) -> None:
+    parser = commands.add_parser("collide", help="push a finished sequence's garment out of the body")
+    parser.add_argument("sequence", type=Path, help="sequence file, predicted or any other")
+    parser.add_argument("--out", required=True, type=Path, help="sequence file to write")
+    parser.add_argument(
+        "--body", type=Path, help="take the body of another sequence file, or a rigged body (.npz)"
+    )
+    parser.add_argument("--whole-body", action="store_true", help="all of the body, not its collider")
+    parser.add_argument(
+        "--eps", type=float, metavar="MM", help="distance to keep (default: as when animating)"
+    )
+    parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
+    parser.set_defaults(run=_collide)
+
+
+def _collide(options: argparse.Namespace) -> None:
+    from garment_jax.collision.command import collide_file, summary
+
+    settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
+    settings |= {} if options.iterations is None else {"iterations": options.iterations}
+    report = collide_file(
+        options.sequence, options.out, body=options.body, whole_body=options.whole_body, **settings
+    )
+    first, *further = summary(report)
+    print("\n".join([f"{options.out}: {first}", *further]))
+
+
 def _add_evaluate(commands) -> None:
     parser = commands.add_parser("evaluate", help="measure predictions against the truth")
     parser.add_argument("pred", type=Path, help="predicted sequence file, or a folder of them")
@@ -228,6 +284,9 @@ def _add_evaluate(commands) -> None:
     parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")
     parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
     parser.add_argument("--out", type=Path, help="also save the JSON there")
+    parser.add_argument(
+        "--whole-body", action="store_true", help="show the penetration of the arms and the head, too"
+    )
     parser.set_defaults(run=_evaluate)
 
 
@@ -241,7 +300,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     if options.out is not None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(text + "\n")
-    print(text if options.json else format_table(figures))
+    print(text if options.json else format_table(figures, whole_body=options.whole_body))
 
 
 def _pair_files(pred: Path, truth: Path) -> list[tuple[Path, Path]]:
@@ -284,3 +343,35 @@ def _render(options: argparse.Namespace) -> None:
     for pair in pairs:
         for path in render_files(list(pair), options.out, **settings):
             print(path, flush=True)
+
+
+def _add_stability(commands) -> None:
+    parser = commands.add_parser("stability", help="check stiff and extreme cases on a garment and a model")
+    parser.add_argument("run_dir", nargs="?", type=Path, metavar="RUN", help="run or model, for its rollouts")
+    parser.add_argument("--garment", choices=GARMENTS, help="an embedded garment (default skirt)")
+    parser.add_argument(
+        "--clips",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="sequence files or folders of them",
+    )
+    parser.add_argument("--full", action="store_true", help="the long cases too (an hour)")
+    parser.add_argument("--only", nargs="+", default=[], metavar="GROUP", help="some groups of cases")
+    parser.add_argument("--out", type=Path, help="folder for stability.json and plots")
+    parser.set_defaults(run=_stability)
+
+
+def _stability(options: argparse.Namespace) -> int:
+    from garment_jax.stability.report import passed, stability
+
+    cases = stability(
+        options.run_dir,
+        garment=options.garment,
+        clips=options.clips,
+        full=options.full,
+        only=options.only,
+        out=options.out,
+        show=partial(print, flush=True),
+    )
+    return 0 if passed(cases) else 1

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.cli import main
+from garment_jax.data.sequence import open_sequence
 from tests.data.packed import write_packed
 from tests.reference.scene import write_clip
 
@@ -40,6 +41,29 @@ def test_evaluate_prints_a_table_or_json(tmp_path: Path, capsys):
     assert [clip["clip"] for clip in json.loads(capsys.readouterr().out)] == ["clip"]
 
 
+def test_collide_writes_a_sequence_and_says_what_it_did(tmp_path: Path, capsys):
+    clip, out = str(write_clip(tmp_path / "clip.h5", 3)), str(tmp_path / "out.h5")
+    assert main(["collide", clip, "--out", out, "--eps", "2", "--iterations", "20"]) == 0
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith(f"{out}: 3 frames, ")
+    assert "largest pop" in first
+    with open_sequence(out) as made:
+        assert made.attributes["collision_eps_m"] == 0.002
+    assert main(["evaluate", out, clip, "--whole-body"]) == 0
+    assert "arms inside %" in capsys.readouterr().out
+
+
+def test_a_stopped_collide_says_so_and_leaves_nothing(tmp_path: Path, capsys, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    clip = str(write_clip(tmp_path / "clip.h5", 3))
+    monkeypatch.setattr("garment_jax.collision.command._resolved", stop)
+    assert main(["collide", clip, "--out", str(tmp_path / "out.h5")]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.h5"]
+
+
 def test_render_writes_pictures_and_names_them(tmp_path: Path, capsys):
     clip = str(write_clip(tmp_path / "clip.h5", 3))
     out = tmp_path / "pictures"
@@ -60,6 +84,9 @@ def test_render_writes_pictures_and_names_them(tmp_path: Path, capsys):
         (["render", "nowhere.h5", "--out", "o"], "no such file"),
         (["render", "a.h5", "b.h5", "c.h5", "--out", "o"], "not 3 paths"),
         (["info", "."], "neither a run nor a model"),
+        (["collide", "nowhere.h5", "--out", "o.h5"], "no such file"),
+        (["collide", "a.h5", "--out", "./a.h5"], "a.h5 is what is read"),
+        (["collide", "a.h5", "--out", "o.h5", "--eps", "-1"], "--eps -1 mm is out of range"),
     ],
 )
 def test_refusals_are_a_sentence_and_exit_code_2(tmp_path, monkeypatch, capsys, arguments, sentence):
@@ -90,5 +117,5 @@ def test_module_runs_and_help_needs_no_jax():
         [sys.executable, "-c", command], capture_output=True, text=True, cwd=ROOT, check=False
     )
     assert result.returncode == 0, result.stderr
-    for name in ("import", "info", "evaluate", "render"):
+    for name in ("import", "info", "collide", "evaluate", "render"):
         assert name in result.stdout

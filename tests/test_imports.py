@@ -23,6 +23,7 @@ ROOMS = (
     "rollout",
     "training",
     "evaluation",
+    "stability",
     "simulation",
     "cli",
 )

@@ -61,7 +61,10 @@ def test_infer_writes_what_evaluate_reads(tmp_path: Path, model, clip, monkeypat
     assert f"{out}: 18 frames in " in capsys.readouterr().out
     with open_sequence(out) as made, open_sequence(clip) as truth:
         assert made.frames == 18
-        assert made.extra_names == ("outside_training_range",)
+        collision = {name for name in made.extra_names if name.startswith("collision_")}
+        assert {"collision_deepest_after_mm", "collision_outcome", "collision_pop_mm"} <= collision
+        assert set(made.extra_names) - collision == {"outside_training_range"}
+        assert made.read_extra("collision_deepest_after_mm", 0, 18).shape == (18,)
         pins = SCENE.pins
         assert pins is not None
         # the truth's pins are skinned with the same weights; files hold 16 bits

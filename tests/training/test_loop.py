@@ -105,6 +105,42 @@ def test_a_loss_that_is_not_finite_stops_with_the_last_good_state_kept(tmp_path:
     assert Checkpointer(tmp_path, "toy").latest() == 14
 
 
+@pytest.mark.parametrize(("factor", "noticed"), [(20.0, False), (60.0, True)])
+def test_a_loss_that_leaves_all_before_it_stops_the_run_before_its_state_is_saved(
+    tmp_path: Path, factor: float, noticed: bool
+) -> None:
+    """Finite, and still lost: the state of step 20 must not take the place of a good one."""
+
+    def leaping(state: Any, batch: Any) -> Any:
+        state, _ = toy.step_fn(state, batch)
+        return state, {"loss": jnp.asarray(factor if int(state.opt_state[1].count) > 20 else 1.0)}
+
+    if not noticed:
+        toy.train(tmp_path, step=leaping)
+        return
+    with pytest.raises(DivergedError, match=r"toy: the loss is 60 at step 21, 1 before; .* keeps step 14;"):
+        toy.train(tmp_path, step=leaping)
+    assert Checkpointer(tmp_path, "toy").latest() == 14
+
+    def lost(state: Any, batch: Any) -> Any:
+        return toy.step_fn(state, batch)[0], {"loss": jnp.asarray(60.0)}
+
+    with pytest.raises(DivergedError, match="the loss is 60 at step 15, 1 before"):
+        toy.train(tmp_path, step=lost)  # resumed: the log remembers what was reached
+
+
+def test_a_loss_that_leaps_at_once_is_measured_by_the_first_step(tmp_path: Path) -> None:
+    def leaping(state: Any, batch: Any) -> Any:
+        state, _ = toy.step_fn(state, batch)
+        return state, {"loss": jnp.asarray(1.0 if int(state.opt_state[1].count) == 1 else 1e4)}
+
+    with pytest.raises(
+        DivergedError, match=r"the loss is 8e\+03 at step 5, 1 before; nothing was saved yet;"
+    ):
+        toy.train(tmp_path, step=leaping)
+    assert Checkpointer(tmp_path, "toy").latest() is None
+
+
 def test_an_error_while_a_batch_is_made_reaches_the_caller(tmp_path: Path) -> None:
     def broken(step: int) -> Any:
         if step == 9:

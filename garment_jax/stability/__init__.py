@@ -1,0 +1,1 @@
+"""Stiff and extreme cases: what holds, what is reported as not holding, and what does not."""
