@@ -15,7 +15,9 @@ ROOMS = (
     "geometry",
     "body",
     "embedded",
+    "formats",
     "data",
+    "intake",
     "generative",
     "motion",
     "detail",
@@ -24,6 +26,8 @@ ROOMS = (
     "training",
     "evaluation",
     "stability",
+    "export",
+    "viewer",
     "simulation",
     "cli",
 )

@@ -1,0 +1,33 @@
+"""`garment-jax collide`: push a finished sequence's garment out of the body."""
+
+import argparse
+from pathlib import Path
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("collide", help="push a finished sequence's garment out of the body")
+    parser.add_argument("sequence", type=Path, help="sequence file, predicted or any other")
+    parser.add_argument("--out", required=True, type=Path, help="sequence file to write")
+    parser.add_argument(
+        "--body", type=Path, help="take the body of another sequence file, or a rigged body (.npz)"
+    )
+    parser.add_argument("--whole-body", action="store_true", help="all of the body, not its collider")
+    parser.add_argument(
+        "--eps", type=float, metavar="MM", help="distance to keep (default: as when animating)"
+    )
+    parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.collision.command import collide_file, summary
+
+    settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
+    settings |= {} if options.iterations is None else {"iterations": options.iterations}
+    report = collide_file(
+        options.sequence, options.out, body=options.body, whole_body=options.whole_body, **settings
+    )
+    first, *further = summary(report)
+    print("\n".join([f"{options.out}: {first}", *further]))

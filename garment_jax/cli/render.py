@@ -1,0 +1,38 @@
+"""`garment-jax render`: contact sheets, error maps and short films."""
+
+import argparse
+from pathlib import Path
+
+from garment_jax.cli.pairs import pair_files
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("render", help="draw contact sheets, error maps and short films")
+    parser.add_argument("paths", nargs="+", type=Path, help="a file; or PRED TRUTH, files or folders")
+    parser.add_argument("--out", required=True, type=Path, help="folder for the pictures")
+    parser.add_argument("--frames", type=int, default=6, help="columns of the contact sheet (default 6)")
+    parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
+    parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")
+    parser.add_argument("--side-view", action="store_true", help="also a sheet from the side")
+    parser.add_argument("--whole-body", action="store_true", help="show head and feet too")
+    parser.add_argument("--scale-cm", type=float, help="error at the end of the colours (default: fits)")
+    parser.add_argument("--azimuth", type=float, default=35.0, help="degrees from the body's front")
+    parser.add_argument("--height", type=int, default=360, help="pixels of one picture (default 360)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.evaluation.render import render_files
+
+    if len(options.paths) > 2:
+        raise ValueError(
+            f"render takes a file, or PRED TRUTH, not {len(options.paths)} paths; run it once a pair."
+        )
+    pairs = [options.paths] if len(options.paths) == 1 else pair_files(*options.paths)
+    names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
+    settings = {name: getattr(options, name) for name in names}
+    for pair in pairs:
+        for path in render_files(list(pair), options.out, **settings):
+            print(path, flush=True)

@@ -1,0 +1,125 @@
+"""`garment-jax simulate`: make clips to train on with a cloth engine."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from garment_jax.cli.choices import GARMENTS
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("simulate", help="make clips to train on with a cloth engine (extra sim)")
+    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/train and OUT/test")
+    parser.add_argument(
+        "--embedded", choices=GARMENTS, help="a garment on the mannequin and motions that the package makes"
+    )
+    parser.add_argument("--vary", nargs="+", type=Path, help="training clips to simulate varied motions of")
+    parser.add_argument("--copies", type=int, default=1, help="varied motions of each clip (default 1)")
+    parser.add_argument(
+        "--turn", type=float, default=60.0, help="a varied body turns besides, deg/s at most (default 60)"
+    )
+    parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
+    parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
+    parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
+    parser.add_argument("--seed", type=int, default=0, help="of the embedded or varied motions")
+    parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
+    parser.add_argument("--body", type=Path, help="rigged body, .npz")
+    parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
+    parser.add_argument(
+        "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
+    )
+    parser.add_argument(
+        "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
+    )
+    parser.add_argument("--motion", nargs="+", type=Path, help="BVH files or folders of them")
+    parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
+    parser.add_argument("--source-fps", type=float, help="true rate of the BVH files, where the header lies")
+    parser.add_argument("--skip", type=int, default=0, help="first BVH frames to drop (rest poses)")
+    parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
+    parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
+    parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
+    parser.add_argument(
+        "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.embedded.made import check_count
+    from garment_jax.simulation.clips import simulate_clips
+    from garment_jax.simulation.command import (
+        EMBEDDED_CLOTH,
+        check_frames,
+        check_numbers,
+        check_rest_shape,
+        cloth_settings,
+        embedded_jobs,
+        read_pattern,
+        varied_jobs,
+    )
+
+    _check_way(options)
+    if options.embedded:
+        check_frames(options.frames)
+        check_count(options.vertices)
+    check_numbers(vars(options))
+    settings = cloth_settings([*EMBEDDED_CLOTH.get(options.embedded, []), *options.cloth])
+    flat = None if options.pattern is None else read_pattern(options.pattern)
+    if options.embedded is not None:
+        from garment_jax.embedded.scene import make_outfit
+
+        scene, flat = make_outfit(options.embedded, vertices=options.vertices)
+        jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
+    elif options.vary is not None:
+        scene, jobs = varied_jobs(
+            options.vary, copies=options.copies, seed=options.seed, turn=options.turn, longest=options.longest
+        )
+        check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
+    else:
+        scene, jobs = _own_files(options, settings.fps)
+        check_rest_shape(scene.garment, flat, options.pattern or options.garment)
+    show = partial(print, flush=True)
+    outcomes = simulate_clips(
+        scene, jobs, options.out, settings, flat=flat, workers=options.workers, progress=show
+    )
+    kept = [outcome for outcome in outcomes if outcome.path is not None]
+    print(f"{options.out}: {len(kept)} of {len(outcomes)} clips")
+    if len(kept) < len(outcomes):
+        lost = ", ".join(outcome.job for outcome in outcomes if outcome.path is None)
+        raise ValueError(f"left out: {lost}; the reasons are above.")
+
+
+def _check_way(options: argparse.Namespace) -> None:
+    """Refuse files that would not be looked at."""
+    own = ("garment", "body", "collider", "motion", "joints")
+    for way, others in (("embedded", ("vary", "pattern", *own)), ("vary", own)):
+        given = [name for name in others if getattr(options, name) is not None]
+        if getattr(options, way) is not None and given:
+            raise ValueError(f"--{way} brings its own scene and motions; leave out --{given[0]}.")
+
+
+def _own_files(options: argparse.Namespace, fps: float) -> tuple:
+    """Return the scene and the clips that a user's own files describe."""
+    from garment_jax.body.retarget import read_joint_table
+    from garment_jax.data.scene_files import load_scene
+    from garment_jax.simulation.command import bvh_jobs, check_collider
+
+    missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
+    if missing:
+        raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
+    scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
+    if scene.collider is not None:
+        check_collider(scene.collider, options.collider)
+    jobs = bvh_jobs(
+        options.motion,
+        scene.body,
+        fps=fps,
+        test=options.test,
+        joints=None if options.joints is None else read_joint_table(options.joints),
+        source_fps=options.source_fps,
+        skip=options.skip,
+        floor=not options.keep_height,
+    )
+    return scene, jobs

@@ -1,0 +1,41 @@
+"""`garment-jax stability`: stiff and extreme cases on a garment and a model."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from garment_jax.cli.choices import GARMENTS
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("stability", help="check stiff and extreme cases on a garment and a model")
+    parser.add_argument("run_dir", nargs="?", type=Path, metavar="RUN", help="run or model, for its rollouts")
+    parser.add_argument("--garment", choices=GARMENTS, help="an embedded garment (default skirt)")
+    parser.add_argument(
+        "--clips",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="sequence files or folders of them",
+    )
+    parser.add_argument("--full", action="store_true", help="the long cases too (an hour)")
+    parser.add_argument("--only", nargs="+", default=[], metavar="GROUP", help="some groups of cases")
+    parser.add_argument("--out", type=Path, help="folder for stability.json and plots")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it."""
+    from garment_jax.stability.report import passed, stability
+
+    cases = stability(
+        options.run_dir,
+        garment=options.garment,
+        clips=options.clips,
+        full=options.full,
+        only=options.only,
+        out=options.out,
+        show=partial(print, flush=True),
+    )
+    return 0 if passed(cases) else 1

@@ -1,0 +1,1 @@
+"""A sequence file becomes what other programs open; a model becomes a graph that they run."""

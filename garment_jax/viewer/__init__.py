@@ -1,0 +1,1 @@
+"""A page that plays sequence files in a browser, with everything inside it."""
