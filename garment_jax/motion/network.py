@@ -17,6 +17,8 @@ from garment_jax.generative.blocks import MapEncoder, along_channels, leaky
 from garment_jax.generative.network import POOLED, position_map
 from garment_jax.structs import FrameInput
 
+BEYOND = 0.1  # of a feature's training range: motion farther outside counts as this far outside
+
 
 class MotionCarry(NamedTuple):
     """What a rollout carries from frame to frame."""
@@ -63,14 +65,19 @@ def _dense(params: dict, x: jax.Array) -> jax.Array:
 
 
 def normalise_motion(M: Float[Array, "*t d"], template: Template) -> Float[Array, "*t d"]:
-    """Return the motion features in deviations from the training set's mean.
+    """Return the motion features in deviations from the training set's mean, held near its range.
 
-    A feature that was constant in training stays within 10 deviations: it carries no knowledge, and a
-    floor's 1e-3 would blow it up.
+    Nothing was learnt beyond the range, and what is far beyond it throws the cloth away for many frames:
+    a feature counts as far outside as `BEYOND` at most. One that was constant in training stays within 10
+    deviations all the same: a floor's 1e-3 would blow it up.
     """
-    mean = jnp.broadcast_to(template.statistics.motion_mean, M.shape)
-    std = jnp.broadcast_to(template.statistics.motion_std, M.shape)
-    return jnp.clip((M - mean) / std, -10.0, 10.0)
+    s = template.statistics
+    spare = BEYOND * (s.motion_high - s.motion_low)
+    low, high, mean, std = (
+        jnp.broadcast_to(x, M.shape)
+        for x in (s.motion_low - spare, s.motion_high + spare, s.motion_mean, s.motion_std)
+    )
+    return jnp.clip((jnp.clip(M, low, high) - mean) / std, -10.0, 10.0)
 
 
 def motion_gates(params: dict, M: Float[Array, "*t d"], *, template: Template) -> Float[Array, "*t g"]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.body.motion_features import feature_names, motion_features
+from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
 from garment_jax.collision import CollisionOptions, make_collider_tables, make_collision_tables
@@ -29,6 +29,7 @@ from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
+from garment_jax.rollout.attachment import make_attachment
 from garment_jax.rollout.clips import rollout_chunks, stack_motions
 from garment_jax.rollout.model import Model, skinned_template, template_for
 from garment_jax.rollout.scan import make_rollout
@@ -59,8 +60,8 @@ def animate(
     """Yield the garment of `motion`, chunk by chunk, world frame; memory does not grow with its length.
 
     Begins from the skinned template (with `preroll`, from the template itself, `preroll` frames before).
-    Pinned vertices are the body's. Raises `ValueError` for a garment or a frame rate that the model was
-    not trained on, or a joint that the body lacks.
+    Pinned vertices are the body's, and the cloth beside them follows (`attachment`). Raises `ValueError`
+    for a garment or a frame rate that the model was not trained on, or a joint that the body lacks.
     """
     if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
         raise ValueError(
@@ -97,11 +98,14 @@ def _finisher(
     collision = collision and scene.collider is not None
     carried = carried_points(scene, collider=collision)
     resolve = _resolver(model, scene, template) if collision else None
+    attach = make_attachment(scene.garment, carried.pins)
 
     def finish(V: jax.Array, frames: slice) -> Chunk:
         count = frames.stop - frames.start
         pins, collider = pose_carried(carried, scene, motion, frames)
         deepest, figures = np.zeros(count, np.float32), None
+        # the rollout has padded the last chunk already
+        V = attach(V, jnp.asarray(padded(pins, len(V))))
         if resolve is not None:
             V, figures = resolve(V, pins, collider)
             figures = FrameFigures(*(np.asarray(x)[:count] for x in figures))
@@ -191,7 +195,7 @@ def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarr
 
     In units of the feature's range (at least 3 of its deviations), the largest over features.
     """
-    joints = model.config.body.motion_joints
+    joints = chosen_joints(scene.body, model.config.body.motion_joints)
     M = motion_features(motion, scene.body, joints)
     s = model.statistics
     width = np.maximum(s.motion_high - s.motion_low, 3 * s.motion_std)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from garment_jax.motion.network import (
+    BEYOND,
     MotionCarry,
     carry_over,
     gates_of,
@@ -52,14 +53,26 @@ def test_carry_over_is_a_row_vector_times_turn_plus_shift():
             np.testing.assert_allclose(out[lane, i], expected + shift[lane], atol=1e-5)
 
 
-def test_motion_is_normalised_by_the_training_set_and_a_constant_feature_cannot_blow_up():
+def test_motion_is_normalised_by_the_training_set():
     model = small_model()
     statistics = model.template.statistics
     M = model.input.x.M
     x = normalise_motion(jnp.asarray(M), model.template)
     expected = (M - statistics.motion_mean) / statistics.motion_std
     np.testing.assert_allclose(x, np.clip(expected, -10, 10), atol=1e-4)
-    assert np.abs(normalise_motion(jnp.asarray(M + 100), model.template)).max() == 10
+
+
+def test_motion_far_outside_the_training_range_counts_as_just_outside_it():
+    model = small_model()
+    s = model.template.statistics
+    width = s.motion_high - s.motion_low
+    near = np.minimum(s.motion_high + BEYOND * width, s.motion_mean + 10 * s.motion_std)
+    for far in (1.0, 100.0):
+        x = normalise_motion(jnp.asarray(s.motion_high + far * width + far), model.template)
+        np.testing.assert_allclose(x, (near - s.motion_mean) / s.motion_std, rtol=1e-4, atol=1e-4)
+    spike = s._replace(motion_high=s.motion_mean + 100, motion_low=s.motion_mean)
+    x = normalise_motion(jnp.asarray(s.motion_mean + 50), model.template._replace(statistics=spike))
+    np.testing.assert_array_equal(x, 10.0)
 
 
 def test_gates_of_a_chunk_are_those_of_its_frames():
