@@ -1,0 +1,150 @@
+"""Rigged bodies and their animations from glTF 2.0 files (.glb, .gltf).
+
+Both are in glTF's world: metres, Y up, as the armature's own transform places them (exporters of rigs in
+cm put a scale of 0.01 there, of rigs with Z up a quarter turn).
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from garment_jax.formats.gltf_animation import Channel, find_animation, local_matrices, read_channels
+from garment_jax.formats.gltf_container import GltfFile, open_gltf
+from garment_jax.formats.gltf_handles import carries_weight, without_handles
+from garment_jax.formats.gltf_mesh import SkinnedMesh, read_skinned_mesh
+from garment_jax.formats.gltf_nodes import with_ancestors, world_matrices
+from garment_jax.formats.gltf_rig import Skeleton, read_skeleton
+from garment_jax.structs import RiggedBody
+
+_WINDOW = 2**17  # matrices sampled at a time
+_MOST_MATRICES = 2**22  # frames x joints, 150 MB of rotations
+_STRETCH = 0.05  # parts of the skeleton's size that a joint may leave its bone by
+_UNEVEN = 0.02  # a joint's scale may differ from its bind pose's by this part
+
+
+class GltfAnimation(NamedTuple):
+    """The motion of a skeleton on a uniform grid, world frame, metres, Y up."""
+
+    rotations: np.ndarray  # [t, j, 3, 3] float32 world rotation of each joint from its bind pose
+    root: np.ndarray  # [t, 3] float64 world position of joint 0
+    fps: float
+    joint_names: tuple[str, ...]
+
+
+def read_rigged(path: str | Path, *, mesh: str | None = None) -> RiggedBody:
+    """Read the body of a glTF file in its bind pose; metres, Y up, wherever the file puts it.
+
+    `mesh`: the name of one skinned mesh; without it all of one skeleton are joined. Vertices that exporters
+    split are welded (`gltf_mesh`), joints come parents first, without a rig's handle (`gltf_handles`),
+    weights sum to 1. Raises `FileNotFoundError`, `OSError` for a file that is cut off, `ValueError` for
+    what does not fit, by name.
+    """
+
+    def read(file: GltfFile) -> RiggedBody:
+        skeleton, body = _read_body(file, mesh)
+        joints = skeleton.bind[:, :3, 3].astype(np.float32)
+        return RiggedBody(body.vertices, body.faces, joints, skeleton.parents, skeleton.names, body.weights)
+
+    return _guarded(path, read)
+
+
+def read_animation(
+    path: str | Path, *, name: str | None = None, fps: float = 30.0, mesh: str | None = None
+) -> GltfAnimation:
+    """Read an animation of a glTF file, sampled at `fps` from its first key to its last.
+
+    `name` picks one of several; `mesh` as in `read_rigged`, whose joints these are. Bones keep their
+    lengths: rotations and the root are all that is returned. Raises what `read_rigged` raises, and
+    `ValueError` for an animation that stretches or scales joints, or is too long.
+    """
+    if not 1 <= fps <= 10_000:
+        raise ValueError(f"fps={fps} must lie between 1 and 10000 frames a second.")
+
+    def read(file: GltfFile) -> GltfAnimation:
+        skeleton, body = _read_body(file, mesh)
+        carries = carries_weight(skeleton, body.weights)
+        order = with_ancestors(skeleton.nodes.parents, skeleton.joints)
+        channels = read_channels(file, find_animation(file, name), set(order))
+        times = _grid(file, channels, fps, len(skeleton.joints))
+        rotations = np.empty((len(times), len(skeleton.joints), 3, 3), np.float32)
+        root = np.empty((len(times), 3))
+        size = max(1, _WINDOW // len(order))
+        for start in range(0, len(times), size):
+            part = slice(start, start + size)
+            local = local_matrices(channels, skeleton.nodes, order, times[part])
+            world = world_matrices(local, skeleton.nodes.parents, order)
+            rotations[part], root[part] = _motion(file, skeleton, carries, world)
+        return GltfAnimation(rotations, root, float(fps), skeleton.names)
+
+    return _guarded(path, read)
+
+
+def _guarded(path: str | Path, read: Callable[[GltfFile], Any]) -> Any:
+    """Return what `read` makes of the file; JSON of another structure than glTF's becomes a sentence."""
+    try:
+        return read(open_gltf(path))
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError) as error:
+        raise ValueError(
+            f"{path} does not have glTF's structure ({type(error).__name__}: "
+            f"{str(error)[:80]}); export it again."
+        ) from error
+
+
+def _grid(file: GltfFile, channels: list[Channel], fps: float, joints: int) -> np.ndarray:
+    """Return the times of the frames, seconds, `[t]`."""
+    first = min(channel.times[0] for channel in channels)
+    last = max(channel.times[-1] for channel in channels)
+    frames = np.floor((last - first) * fps + 1e-3) + 1  # times are float32: 59.9999 is frame 60
+    if frames * joints > _MOST_MATRICES:
+        raise ValueError(
+            f"{file.path}: the animation lasts {last - first:.4g} s, {frames:.4g} frames of {joints} joints, "
+            "which is too long; cut it, or lower fps."
+        )
+    return first + np.arange(int(frames)) / fps
+
+
+def _read_body(file: GltfFile, mesh: str | None) -> tuple[Skeleton, SkinnedMesh]:
+    skeleton = read_skeleton(file, mesh)
+    body = read_skinned_mesh(file, skeleton)
+    skeleton, weights = without_handles(skeleton, body.weights)
+    return skeleton, body._replace(weights=weights)
+
+
+def _motion(
+    file: GltfFile, skeleton: Skeleton, carries: np.ndarray, world: dict[int, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations `[t, j, 3, 3]` from the bind pose and joint 0's place `[t, 3]`.
+
+    Joints that carry no vertex (`carries` `[j]`), such as controls, may do as they like.
+    """
+    G = np.stack([world[node] for node in skeleton.joints], axis=1)
+    moved = G[..., :3, :3] @ np.linalg.inv(skeleton.bind[:, :3, :3])
+    U, scales, Vt = np.linalg.svd(moved)
+    uneven = np.abs(scales - 1).max(axis=(0, 2)) * carries
+    if uneven.max() > _UNEVEN or np.linalg.det(moved[:, carries]).min() < 0:
+        raise ValueError(
+            f"{file.path}: the animation scales joint {skeleton.names[int(uneven.argmax())]!r}; motions hold "
+            "rotations only, remove its scale keys."
+        )
+    R = U @ Vt
+    _check_stretch(file, skeleton, carries, R, G[..., :3, 3])
+    return R, G[:, 0, :3, 3]
+
+
+def _check_stretch(
+    file: GltfFile, skeleton: Skeleton, carries: np.ndarray, R: np.ndarray, positions: np.ndarray
+) -> None:
+    rest, parents = skeleton.bind[:, :3, 3], skeleton.parents[1:]
+    if not len(parents):
+        return
+    bones = rest[1:] - rest[parents]
+    expected = positions[:, parents] + (R[:, parents] @ bones[:, :, None])[..., 0]
+    off = np.linalg.norm(positions[:, 1:] - expected, axis=2).max(axis=0) * carries[1:]
+    worst = int(off.argmax())
+    if off[worst] > _STRETCH * np.ptp(rest, axis=0).max():
+        raise ValueError(
+            f"{file.path}: the animation moves joint {skeleton.names[worst + 1]!r} {off[worst]:.3g} m off "
+            "its bone; motions hold rotations and the root only, bake it without stretch."
+        )
