@@ -29,7 +29,7 @@ class DataConfig:
 
 @dataclass(frozen=True)
 class BodyConfig:
-    motion_joints: tuple[str, ...] = _LOWER_BODY  # joints whose motion the network sees
+    motion_joints: tuple[str, ...] = _LOWER_BODY  # joints the network sees; ["all"]: all but the root
     seeds: int = 64  # seed points on the body under the garment
     tau: float = 0.2  # metres; length scale of the softmax skinning weights (see docs/method.md)
     skin_iterations: int = 3  # fixed-point passes of the inverse skinning

@@ -14,14 +14,24 @@ from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.structs import Motion, RiggedBody
 
+ALL = ("all",)  # in the place of names: every joint but the root, whose motion M holds anyway
+
+
+def chosen_joints(body: RiggedBody, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return `names`, or for `ALL` the body's joints without its root (the root alone if it has no other)."""
+    if tuple(names) != ALL:
+        return tuple(names)
+    return tuple(body.joint_names[1:]) or tuple(body.joint_names)
+
 
 def joint_indices(body: RiggedBody, names: tuple[str, ...]) -> np.ndarray:
     """Return the indices of `names`; `ValueError` lists the body's joints when one is missing."""
+    names = chosen_joints(body, names)
     missing = [name for name in names if name not in body.joint_names]
     if missing:
         raise ValueError(
             f"the body has no joint {missing[0]!r}; it has {', '.join(body.joint_names)}. "
-            "Set body.motion_joints accordingly."
+            "Set body.motion_joints accordingly (all: every joint but the root)."
         )
     return np.array([body.joint_names.index(name) for name in names], int)
 
@@ -45,7 +55,7 @@ def feature_names(names: tuple[str, ...]) -> list[str]:
 
 
 def motion_features(motion: Motion, body: RiggedBody, names: tuple[str, ...]) -> np.ndarray:
-    """Return M for every frame, `[t, 10 + 12 k]` float32 for `k` joint `names` (layout above).
+    """Return M for every frame, `[t, 10 + 12 k]` float32 for `k` joint `names` (layout above; `ALL` of them).
 
     Computed in float64 before the cast: a velocity is a small difference of large world positions.
     """

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from garment_jax.body.bvh import BvhClip
 from garment_jax.body.kinematics import joint_positions
+from garment_jax.body.resample import between, sample_times, slerp
 from garment_jax.structs import Motion, RiggedBody
 
 # Parts of the height of the body's joints: a limb's bone is at least this long (forearm 0.15; a shoulder
@@ -87,14 +88,16 @@ def retarget(
     skip: int = 0,
     scale: float | None = None,
     floor: bool = True,
+    centre: bool = True,
 ) -> Motion:
     """Return `clip` as a motion of `body` at `fps`: rotations float32, root float64 in metres, Y up.
 
     `joints`: body joint -> file joint (default: `cmu_joint_table`); joints without a source follow their
     parents. `source_fps`: the clip's true rate, where its header lies. `skip`: frames of the file to drop at
     its beginning. `scale`: metres per file unit (default: the ratio of the legs' lengths). The root begins
-    at x = z = 0. `floor` lifts the whole motion by one constant: in the median frame the lowest joint
-    is as high as in the canonical pose. Without it the root's height is scale x the file's.
+    at x = z = 0; without `centre` it is where the file has it, times `scale`. `floor` lifts the whole motion
+    by one constant: in the median frame the lowest joint is as high as in the canonical pose. Without it
+    the root's height is scale x the file's.
     Raises `ValueError` for names that do not exist, a skeleton that is not Y up facing +Z, and options out
     of range.
     """
@@ -107,11 +110,13 @@ def retarget(
         scale = _leg_ratio(bones, sources, rest, body)
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale = {scale} must be positive; 0.01 for a file in cm.")
-    first, part = _sample_times(clip, fps, source_fps, skip)
+    rate = source_rate(clip) if source_fps is None else source_fps
+    first, part = sample_times(len(clip.root), fps, rate, skip)
     turns = _alignments(bones, sources, rest, body)
     rotations = _target_rotations(clip, sources, turns, body, first, part)
-    root = scale * _between(clip.root, first, part)
-    root[:, [0, 2]] -= root[0, [0, 2]]
+    root = scale * between(clip.root, first, part)
+    if centre:
+        root[:, [0, 2]] -= root[0, [0, 2]]
     if floor:
         lowest = joint_positions(rotations, root, body)[..., 1].min(axis=1)
         root[:, 1] += body.joints[:, 1].min() - np.median(lowest)
@@ -220,31 +225,11 @@ def _shortest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
 
 
-def _sample_times(
-    clip: BvhClip, fps: float, source_fps: float | None, skip: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return for every output frame the source frame before it `[t]` and how far beyond it is, [0, 1)."""
-    if source_fps is None:
-        # headers round: 0.00833333 s is 120 frames a second, and a long clip must not drift
-        source_fps = 1.0 / clip.frame_time
-        source_fps = round(source_fps) if abs(source_fps - round(source_fps)) < 1e-3 else source_fps
-    for name, rate in (("fps", fps), ("source_fps", source_fps)):
-        if not 1.0 <= rate <= 1e4:
-            raise ValueError(f"{name} = {rate} must lie between 1 and 10000 frames a second.")
-    frames = len(clip.root)
-    if not 0 <= skip < frames:
-        raise ValueError(f"skip = {skip} leaves nothing of {frames} frames; take 0 to {frames - 1}.")
-    step = source_fps / fps
-    count = int((frames - 1 - skip) / step + 1e-6) + 1
-    time = np.minimum(skip + np.arange(count) * step, frames - 1)
-    first = np.floor(time + 1e-6).astype(int)
-    part = np.maximum(time - first, 0.0)
-    return first, part
-
-
-def _between(values: np.ndarray, first: np.ndarray, part: np.ndarray) -> np.ndarray:
-    after = np.minimum(first + 1, len(values) - 1)
-    return values[first] + part[:, None] * (values[after] - values[first])
+def source_rate(clip: BvhClip) -> float:
+    """Return the frame rate that a clip's header claims, frames a second."""
+    # headers round: 0.00833333 s is 120 frames a second, and a long clip must not drift
+    rate = 1.0 / clip.frame_time
+    return float(round(rate)) if abs(rate - round(rate)) < 1e-3 else rate
 
 
 def _target_rotations(
@@ -255,14 +240,5 @@ def _target_rotations(
         if source < 0:
             rotations[:, j] = rotations[:, body.parents[j]]
             continue
-        rotations[:, j] = _slerp(clip.rotations[:, source], first, part) @ C[j]
+        rotations[:, j] = slerp(clip.rotations[:, source], first, part) @ C[j]
     return rotations
-
-
-def _slerp(rotations: np.ndarray, first: np.ndarray, part: np.ndarray) -> np.ndarray:
-    before = rotations[first]
-    if not part.any():
-        return before
-    after = rotations[np.minimum(first + 1, len(rotations) - 1)]
-    turn = Rotation.from_matrix(np.swapaxes(before, -1, -2) @ after).as_rotvec()
-    return before @ Rotation.from_rotvec(part[:, None] * turn).as_matrix()

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.motion_features import chosen_joints
 from garment_jax.data.sequence import Sequence
 from garment_jax.structs import Garment, Motion, RiggedBody, Scene
 
@@ -76,11 +77,11 @@ def check_size(points: np.ndarray, name: str) -> None:
 
 def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
     """Raise ValueError if the body lacks one of `joints`, by name."""
-    missing = [joint for joint in joints if joint not in body.joint_names]
+    missing = [joint for joint in chosen_joints(body, tuple(joints)) if joint not in body.joint_names]
     if missing:
         raise ValueError(
             f"{name}: the body has no joint {', '.join(missing)}; it has {', '.join(body.joint_names)}: "
-            "rename its joints or change body.motion_joints."
+            "rename its joints or change body.motion_joints (all: every joint but the root)."
         )
 
 

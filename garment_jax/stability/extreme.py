@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.motion_features import chosen_joints
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.validation import check_motion
 from garment_jax.evaluation.cloth import rest_lengths
@@ -47,7 +48,8 @@ def extreme_cases(subject: Subject, *, collision: bool = True) -> Findings:
         return Findings([left_out(GROUP, "all rollouts", why)])
     model = subject.model
     calm = calmest_pose(subject.motions, subject.scene.body)
-    parts = extreme_motions(subject, calm, model.config.body.motion_joints)
+    joints = chosen_joints(subject.scene.body, model.config.body.motion_joints)
+    parts = extreme_motions(subject, calm, joints)
     motion, places = make_script(calm, parts)
     # frames whose garments are compared: the reference, the frozen pose's, the loop's
     frozen, loop = places[-2], places[-1]

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from garment_jax.body.motion_features import backward_velocity, feature_names, joint_indices, motion_features
+from garment_jax.body.motion_features import (
+    backward_velocity,
+    chosen_joints,
+    feature_names,
+    joint_indices,
+    motion_features,
+)
 from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.structs import Motion
 from tests.reference import scene as slow
@@ -79,3 +85,12 @@ def test_velocities_do_not_lose_digits_far_from_the_origin():
 def test_a_missing_joint_is_refused_with_the_bodys_joints():
     with pytest.raises(ValueError, match=r"no joint 'Tail'; it has Hips, .*body\.motion_joints"):
         joint_indices(SCENE.body, ("Hips", "Tail"))
+
+
+def test_all_stands_for_every_joint_but_the_root():
+    names = chosen_joints(SCENE.body, ("all",))
+    assert names == SCENE.body.joint_names[1:]
+    np.testing.assert_array_equal(
+        motion_features(MOTION, SCENE.body, ("all",)), motion_features(MOTION, SCENE.body, names)
+    )
+    assert chosen_joints(SCENE.body, NAMES) == NAMES

@@ -118,6 +118,8 @@ def test_missing_joints_are_named(tmp_path, scene):
     )
     with open_sequence(path) as sequence, pytest.raises(ValueError, match="has no joint Tail"):
         check_input(sequence, joints=("Hips", "Tail"))
+    with open_sequence(path) as sequence:
+        check_input(sequence, joints=("all",))
 
 
 def test_input_is_checked_without_its_vertices(tmp_path):
