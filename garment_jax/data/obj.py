@@ -13,10 +13,11 @@ from garment_jax.structs import Garment
 _LARGEST = 512 * 2**20  # bytes; a garment of 100,000 vertices has about 15 MB
 
 
-def read_garment(path: str | Path) -> Garment:
+def read_garment(path: str | Path, *, uv_required: bool = True) -> Garment:
     """Read positions, texture coordinates and faces (polygons as fans); lengths as they stand in the file.
 
-    Raises `FileNotFoundError`, or `ValueError` with the line for what is no garment: no faces, no UVs, an
+    Without `uv_required` a corner may have no texture coordinate: it is -1 in `faces_uv`. Raises
+    `FileNotFoundError`, or `ValueError` with the line for what is no garment: no faces, no UVs, an
     index that is not there, a number that is none or not finite.
     """
     path = Path(path)
@@ -38,7 +39,7 @@ def read_garment(path: str | Path) -> Garment:
             elif words[0] == "vt":
                 uv.append(_numbers(words[1:3], 2, where))
             elif words[0] == "f":
-                corners += _fan(words[1:], len(points), len(uv), where)
+                corners += _fan(words[1:], len(points), len(uv), where, uv_required)
     if not corners:
         raise ValueError(f"{path} holds no faces; export the garment's mesh, triangulated or not.")
     pairs = np.array(corners, np.int32).reshape(-1, 3, 2)
@@ -84,18 +85,22 @@ def _numbers(words: list[str], count: int, where: str) -> list[float]:
     return values
 
 
-def _fan(words: list[str], points: int, texture: int, where: str) -> Iterator[tuple[int, int]]:
+def _fan(
+    words: list[str], points: int, texture: int, where: str, uv_required: bool
+) -> Iterator[tuple[int, int]]:
     """Yield (vertex, texture vertex) of the corners of a polygon's triangles."""
-    corners = [_corner(word, points, texture, where) for word in words]
+    corners = [_corner(word, points, texture, where, uv_required) for word in words]
     if len(corners) < 3:
         raise ValueError(f"{where}: a face of {len(corners)} corners; remove loose edges and export again.")
     for k in range(1, len(corners) - 1):
         yield from (corners[0], corners[k], corners[k + 1])
 
 
-def _corner(word: str, points: int, texture: int, where: str) -> tuple[int, int]:
+def _corner(word: str, points: int, texture: int, where: str, uv_required: bool) -> tuple[int, int]:
     parts = word.split("/")
     if len(parts) < 2 or not parts[1]:
+        if not uv_required:
+            return _vertex(word, points, where), -1
         raise ValueError(f"{where}: corner {word!r} has no texture coordinate; unwrap the garment's UVs.")
     try:
         found = tuple(_index(int(part), size) for part, size in zip(parts, (points, texture), strict=False))

@@ -1,0 +1,57 @@
+"""`garment-jax validate`: what is wrong with clips, garments, bodies and motions, and what helps."""
+
+import argparse
+import json
+from pathlib import Path
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("validate", help="say what is wrong with clips, garments, bodies, motions")
+    parser.add_argument(
+        "paths", nargs="+", type=Path, help="files of any kind that is read, or folders of them"
+    )
+    parser.add_argument("--json", action="store_true", help="machine-readable, one object per file")
+    parser.add_argument("--all", action="store_true", help="also list the checks that found nothing")
+    parser.add_argument("--garment", type=Path, help="template (.obj) that mesh sequences must fit")
+    parser.add_argument("--fps", type=float, help="true frame rate, where a file has none or lies")
+    parser.add_argument(
+        "--fix", action="store_true", help="write repaired copies of what can be repaired safely"
+    )
+    parser.add_argument("--out", type=Path, help="folder of the repaired copies")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; 1 if any file has an error."""
+    from garment_jax.intake.fixes import check_out, fix_file
+    from garment_jax.intake.validate import Options, list_files, validate_files
+    from garment_jax.intake.validate_report import format_report, format_totals, to_json
+
+    _check(options)
+    files = list_files(options.paths)
+    if options.fix:
+        check_out(files, options.out)
+    reports = []
+    for report in validate_files(files, Options(options.fps, options.garment)):
+        reports.append(report)
+        if not options.json:
+            print(format_report(report, everything=options.all), flush=True)
+    fixed = []
+    if options.fix:
+        for path in files:
+            fixed.append(fix_file(path, files, options.out, fps=options.fps))
+            if not options.json:
+                print(fixed[-1].sentence(), flush=True)
+    if options.json:
+        print(json.dumps(to_json(reports, fixed), indent=2))
+    else:
+        print(format_totals(reports))
+    return int(any(finding.severity == "error" for report in reports for finding in report.findings))
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.fix != (options.out is not None):
+        raise ValueError("--fix and --out FOLDER belong together; the files themselves are never changed.")
+    if options.fps is not None and not 0 < options.fps < 10_000:
+        raise ValueError(f"--fps {options.fps:g} is no frame rate; give frames a second, such as 30.")

@@ -1,0 +1,65 @@
+"""Clips made of clips: varied and crossed, seeded, named, refused by file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.simulation.varied import varied_jobs
+from tests.reference.scene import make_motion, make_scene, write_clip
+
+
+def test_varied_clips_are_seeded_and_named_after_theirs(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2)):
+        write_clip(tmp_path / f"{name}.h5", 40, seed, attributes={"name": name})
+    scene, jobs = varied_jobs([tmp_path], copies=2, seed=0)
+    assert [job.name for job in jobs] == ["polka_v1", "polka_v2", "waltz_v1", "waltz_v2"]
+    assert {job.split for job in jobs} == {"train"}
+    assert len(scene.body.joint_names) == 22
+    again = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=0)[1][0].motion
+    np.testing.assert_array_equal(jobs[2].motion.rotations, again.rotations)
+    other = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=1)[1][0].motion
+    assert len(other.root) != len(again.root) or np.abs(other.root - again.root).max() > 1e-3
+
+
+def test_clips_of_two_scenes_are_not_varied_together(tmp_path: Path):
+    write_clip(tmp_path / "a.h5", 12)
+    write_clip(tmp_path / "b.h5", 12, scene=make_scene(6, 12))
+    with pytest.raises(ValueError, match=r"b\.h5 has another garment or body than .*a\.h5; vary them"):
+        varied_jobs([tmp_path], copies=1, seed=0)
+    empty = tmp_path / "none"
+    empty.mkdir()
+    with pytest.raises(FileNotFoundError, match="holds no clips"):
+        varied_jobs([empty], copies=1, seed=0)
+
+
+def test_varied_clips_in_centimetres_or_with_a_jump_are_refused_by_file(tmp_path: Path):
+    scene = make_scene()
+    large = scene.body._replace(vertices=scene.body.vertices * np.float32(100))
+    write_clip(tmp_path / "cm.h5", 4, scene=scene._replace(body=large), encoding="float32")
+    with pytest.raises(ValueError, match=r"cm\.h5: the body is 13\d m large, which looks like centimetres"):
+        varied_jobs([tmp_path / "cm.h5"], copies=1, seed=0)
+    motion = make_motion(scene, 12)
+    jump = motion.root + np.where(np.arange(12)[:, None] >= 7, 2.0, 0.0)
+    write_clip(tmp_path / "jump.h5", motion=motion._replace(root=jump))
+    with pytest.raises(ValueError, match=r"jump\.h5: the root moves at [\d.]+ m/s in frame 7"):
+        varied_jobs([tmp_path / "jump.h5"], copies=1, seed=0)
+
+
+def test_crossed_motions_follow_the_variations_and_are_seeded(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2), ("jig", 3)):
+        write_clip(tmp_path / f"{name}.h5", 40, seed, attributes={"name": name})
+    jobs = varied_jobs([tmp_path], copies=1, crosses=2, seed=5)[1]
+    assert [job.name for job in jobs[3:]] == ["cross_5_000", "cross_5_001"]
+    again = varied_jobs([tmp_path], copies=0, crosses=1, seed=5)[1]
+    np.testing.assert_array_equal(again[0].motion.rotations, jobs[3].motion.rotations)
+    shared = min(len(jobs[3].motion.root), len(jobs[4].motion.root))
+    assert np.abs(jobs[3].motion.rotations[:shared] - jobs[4].motion.rotations[:shared]).max() > 1e-3
+
+
+def test_nothing_to_make_and_too_few_to_cross_are_refused(tmp_path: Path):
+    write_clip(tmp_path / "waltz.h5", 12)
+    with pytest.raises(ValueError, match="--copies 0 and --crosses 0 make no clips"):
+        varied_jobs([tmp_path], copies=0, seed=0)
+    with pytest.raises(ValueError, match="--crosses 1 needs three clips at least and 1 are there"):
+        varied_jobs([tmp_path], copies=1, crosses=1, seed=0)
