@@ -56,7 +56,7 @@ def test_from_files_to_an_animated_garment(tmp_path: Path, monkeypatch: pytest.M
         (["--embedded", "skirt", "--seed", "-1"], "--seed -1 is too small"),
         (["--embedded", "skirt", "--workers", "0"], "--workers 0 is too small"),
         (["--embedded", "skirt", "--vertices", "-5"], "vertices=-5 must lie between 100 and"),
-        (["--vary", "clips", "--copies", "0"], "--copies 0 is too small"),
+        (["--vary", "clips", "--copies", "0"], "--copies 0 and --crosses 0 make no clips"),
         (["--motion", "moves", "--skip", "-1"], "--skip -1 is too small"),
         (["--motion", "moves", "--source-fps", "-30"], "--source-fps -30.0 is too small"),
         (["--embedded", "skirt", "--pattern", "p.npz"], "--embedded brings its own scene and motions; leave"),

@@ -12,6 +12,7 @@ from garment_jax import __version__
 from garment_jax.cli import (
     collide,
     evaluate,
+    export,
     floor,
     import_,
     info,
@@ -19,9 +20,24 @@ from garment_jax.cli import (
     save,
     simulate,
     stability,
+    validate,
+    view,
 )
 
-COMMANDS = (simulate, floor, import_, info, collide, evaluate, render, stability, save)
+COMMANDS = (
+    simulate,
+    floor,
+    import_,
+    info,
+    validate,
+    collide,
+    evaluate,
+    render,
+    stability,
+    save,
+    export,
+    view,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,21 +1,70 @@
-"""`garment-jax import`: packed clips become sequence files."""
+"""`garment-jax import`: clips and motions of foreign formats become sequence files."""
 
 import argparse
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+PARTS = ("garment", "body", "motion", "clip")  # each has a unit and an up axis
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("import", help="turn packed clips into sequence files")
-    parser.add_argument("paths", nargs="+", type=Path, help="packed clips (.h5) or folders of them")
-    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/<split>/<name>.h5")
-    parser.add_argument("--body", type=Path, help="rigged body (.npz); default: what the clips name")
+    parser = commands.add_parser(
+        "import",
+        help="turn clips and motions of other programs into sequence files",
+        description="Packed clips, vto-dataset and VirtualBones simulations, animated meshes (PC2, MDD, USD, "
+        "Alembic, folders of OBJ or PLY) and motions (BVH, AMASS, AIST++, glTF) become OUT/train/NAME.h5.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, help="clips, or folders of them")
+    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/<train|test>/<name>.h5")
+    parser.add_argument(
+        "--format",
+        default="auto",
+        choices=("auto", "packed", "vto", "virtualbones", "meshes", "motion"),
+        help="what the paths are (default auto: by suffix and content)",
+    )
+    parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ")
+    parser.add_argument(
+        "--body", type=Path, help="rigged body (.npz, .glb, SMPL .pkl or .npz), or a mesh that --motion moves"
+    )
+    parser.add_argument("--motion", nargs="+", type=Path, default=[], help="motions, by the clips' names")
+    parser.add_argument("--collider", type=Path, help="closed part of the body that the cloth touches, .npz")
+    parser.add_argument("--pins", help="top, none, above:HEIGHT, group:NAME or .npz (default by the garment)")
+    parser.add_argument(
+        "--unit",
+        help="m, cm, mm, in or metres per unit, of all files; --clip-unit, --garment-unit, --body-unit and --motion-unit speak of one",
+    )
+    parser.add_argument(
+        "--up", choices=("Y", "Z"), help="up axis of all files; --clip-up and so on speak of one"
+    )
+    for part in PARTS:
+        parser.add_argument(f"--{part}-unit", metavar="UNIT", help=argparse.SUPPRESS)
+        parser.add_argument(f"--{part}-up", choices=("Y", "Z"), help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--fps", type=float, help="of clips that do not say it; for motions, the rate to bring them to"
+    )
+    parser.add_argument("--source-fps", type=float, help="true rate of motions that do not say it, or lie")
+    parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
+    parser.add_argument("--skip", type=int, default=0, help="first frames of motions to drop (rest poses)")
+    parser.add_argument("--floor", action="store_true", help="lift motions so that the feet are on the floor")
+    parser.add_argument("--unwrap", action="store_true", help="make UVs for a garment without (extra unwrap)")
+    parser.add_argument("--fit-uv", action="store_true", help="scale UVs in metres or on tiles into 0 … 1")
+    parser.add_argument("--drop-duplicates", action="store_true", help="leave out faces that occur twice")
+    parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="clips to test on")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.intake.kinds import find_kind
+
+    kind = find_kind(options.paths) if options.format == "auto" else options.format
+    (_import_packed if kind == "packed" else partial(_import_foreign, kind=kind))(options)
+
+
+def _import_packed(options: argparse.Namespace) -> None:
     from garment_jax.data.importer import import_clips
 
     show = partial(print, flush=True)
@@ -23,3 +72,56 @@ def run(options: argparse.Namespace) -> None:
     new = sum(not clip.skipped for clip in clips)
     frames = sum(clip.frames for clip in clips)
     print(f"{options.out}: {len(clips)} clips, {frames} frames, {new} of them imported now")
+
+
+def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
+    from garment_jax.intake.clips import Options, import_sources
+    from garment_jax.intake.formats import list_sources
+
+    own = Options(
+        garment=options.garment,
+        body=options.body,
+        motions=tuple(options.motion),
+        collider=options.collider,
+        pins=options.pins,
+        unit=by_part(options, "unit"),
+        up=by_part(options, "up"),
+        fps=options.fps,
+        source_fps=options.source_fps,
+        joints=options.joints,
+        skip=options.skip,
+        floor=options.floor,
+        unwrap=options.unwrap,
+        fit_uv=options.fit_uv,
+        drop_duplicates=options.drop_duplicates,
+    )
+    sources = list_sources(options.paths, kind, own)
+    show = partial(print, flush=True)
+    outcomes = import_sources(
+        sources, options.out, test=options.test, settings=settings_text(own), progress=show
+    )
+    _summarise(options.out, outcomes)
+
+
+def by_part(options: argparse.Namespace, what: str) -> dict[str, str]:
+    """Return the unit or the up axis of each part that the user says: its own, else that of all."""
+    said = {part: getattr(options, f"{part}_{what}") or getattr(options, what) for part in PARTS}
+    return {part: value for part, value in said.items() if value is not None}
+
+
+def settings_text(own: Any) -> str:
+    """Return the options that shape a clip besides the files, as a text to hash."""
+    files = ("garment", "body", "motions", "collider", "joints")
+    return repr([(k, v) for k, v in sorted(own._asdict().items()) if k not in files])
+
+
+def _summarise(out: Path, outcomes: Sequence) -> None:
+    kept = [outcome for outcome in outcomes if not outcome.refused]
+    new = sum(not outcome.skipped for outcome in kept)
+    print(f"{out}: {len(kept)} clips, {sum(o.frames for o in kept)} frames, {new} of them imported now")
+    bodies = {outcome.body for outcome in kept if outcome.body}
+    if len(bodies) > 1:
+        print(f"they show {len(bodies)} different bodies; train.py takes the clips of one: import them apart")
+    if len(kept) < len(outcomes):
+        lost = ", ".join(outcome.source.name for outcome in outcomes if outcome.refused)
+        raise ValueError(f"left out: {lost}; the reasons are above.")

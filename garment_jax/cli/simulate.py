@@ -16,6 +16,7 @@ def add(commands) -> None:
     )
     parser.add_argument("--vary", nargs="+", type=Path, help="training clips to simulate varied motions of")
     parser.add_argument("--copies", type=int, default=1, help="varied motions of each clip (default 1)")
+    parser.add_argument("--crosses", type=int, default=0, help="motions out of three clips' parts each")
     parser.add_argument(
         "--turn", type=float, default=60.0, help="a varied body turns besides, deg/s at most (default 60)"
     )
@@ -24,7 +25,19 @@ def add(commands) -> None:
     parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
     parser.add_argument("--seed", type=int, default=0, help="of the embedded or varied motions")
     parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
-    parser.add_argument("--body", type=Path, help="rigged body, .npz")
+    parser.add_argument(
+        "--unwrap", action="store_true", default=None, help="make the garment's UVs anew (extra unwrap)"
+    )
+    parser.add_argument(
+        "--fit-uv", action="store_true", default=None, help="scale UVs in metres or on tiles into 0 … 1"
+    )
+    parser.add_argument(
+        "--drop-duplicates", action="store_true", default=None, help="leave out faces that occur twice"
+    )
+    parser.add_argument("--body", type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf")
+    parser.add_argument("--betas", nargs="+", type=float, help="shape of a SMPL body")
+    parser.add_argument("--body-unit", help="of the body's file: m, cm, mm, in or metres per unit")
+    parser.add_argument("--body-up", choices=("Y", "Z"), help="up axis of the body's file")
     parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
     parser.add_argument(
         "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
@@ -32,10 +45,14 @@ def add(commands) -> None:
     parser.add_argument(
         "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
     )
-    parser.add_argument("--motion", nargs="+", type=Path, help="BVH files or folders of them")
+    parser.add_argument(
+        "--motion", nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
+    )
     parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
-    parser.add_argument("--source-fps", type=float, help="true rate of the BVH files, where the header lies")
-    parser.add_argument("--skip", type=int, default=0, help="first BVH frames to drop (rest poses)")
+    parser.add_argument("--source-fps", type=float, help="true rate of the motions, where a file lies")
+    parser.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
+    parser.add_argument("--motion-unit", help="of the motions' files")
+    parser.add_argument("--motion-up", choices=("Y", "Z"), help="up axis of the motions' files")
     parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
     parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
@@ -57,8 +74,8 @@ def run(options: argparse.Namespace) -> None:
         cloth_settings,
         embedded_jobs,
         read_pattern,
-        varied_jobs,
     )
+    from garment_jax.simulation.varied import varied_jobs
 
     _check_way(options)
     if options.embedded:
@@ -74,7 +91,12 @@ def run(options: argparse.Namespace) -> None:
         jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
     elif options.vary is not None:
         scene, jobs = varied_jobs(
-            options.vary, copies=options.copies, seed=options.seed, turn=options.turn, longest=options.longest
+            options.vary,
+            copies=options.copies,
+            seed=options.seed,
+            turn=options.turn,
+            longest=options.longest,
+            crosses=options.crosses,
         )
         check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
     else:
@@ -93,26 +115,65 @@ def run(options: argparse.Namespace) -> None:
 
 def _check_way(options: argparse.Namespace) -> None:
     """Refuse files that would not be looked at."""
-    own = ("garment", "body", "collider", "motion", "joints")
+    own = (
+        "garment",
+        "body",
+        "betas",
+        "body_unit",
+        "body_up",
+        "collider",
+        "motion",
+        "joints",
+        "unwrap",
+        "fit_uv",
+        "drop_duplicates",
+    )
     for way, others in (("embedded", ("vary", "pattern", *own)), ("vary", own)):
         given = [name for name in others if getattr(options, name) is not None]
         if getattr(options, way) is not None and given:
-            raise ValueError(f"--{way} brings its own scene and motions; leave out --{given[0]}.")
+            raise ValueError(
+                f"--{way} brings its own scene and motions; leave out --{given[0].replace('_', '-')}."
+            )
 
 
 def _own_files(options: argparse.Namespace, fps: float) -> tuple:
     """Return the scene and the clips that a user's own files describe."""
+    import numpy as np
+
     from garment_jax.body.retarget import read_joint_table
     from garment_jax.data.scene_files import load_scene
-    from garment_jax.simulation.command import bvh_jobs, check_collider
+    from garment_jax.intake.bodies import place_template, read_any_body
+    from garment_jax.intake.garment_mesh import load_garment
+    from garment_jax.simulation.command import check_collider, motion_jobs
 
     missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
     if missing:
         raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
-    scene = load_scene(options.garment, options.body, collider=options.collider, pins=options.pins)
+    cloth, notes = load_garment(
+        options.garment,
+        unwrap=bool(options.unwrap),
+        fit_uv=bool(options.fit_uv),
+        drop_duplicates=bool(options.drop_duplicates),
+    )
+    for note in notes:
+        if note.severity != "ok":
+            print(f"{note.severity}: {note.sentence(str(options.garment))}", flush=True)
+    betas = None if options.betas is None else np.array(options.betas)
+    figure = read_any_body(options.body, betas=betas, unit=options.body_unit, up=options.body_up)
+    cloth = cloth._replace(template=place_template(cloth.template, figure))
+    for note in figure.notes:
+        print(f"{options.body}: {note}", flush=True)
+    scene = load_scene(
+        options.garment,
+        options.body,
+        collider=options.collider,
+        pins=options.pins,
+        cloth=cloth,
+        rigged=figure.body,
+    )
     if scene.collider is not None:
         check_collider(scene.collider, options.collider)
-    jobs = bvh_jobs(
+    jobs = motion_jobs(
         options.motion,
         scene.body,
         fps=fps,
@@ -121,5 +182,9 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         source_fps=options.source_fps,
         skip=options.skip,
         floor=not options.keep_height,
+        unit=options.motion_unit,
+        up=options.motion_up,
+        origin=figure.origin,
+        say=partial(print, flush=True),
     )
     return scene, jobs

@@ -1,13 +1,12 @@
 """Bodies, colliders and pins from `.npz` files of plain arrays, checked one by one."""
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from garment_jax.data.layout import BODY, COLLIDER, PINS, Field, Known, check_fields, check_parents
+from garment_jax.formats.npz import read_npz
 from garment_jax.structs import Collider, Pins, RiggedBody
 
 
@@ -47,25 +46,9 @@ def read_arrays(path: Path, keys: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Return those of the named arrays that an `.npz` file holds.
 
     Raises `FileNotFoundError`, `OSError` for a damaged file, `ValueError` for pickled objects: reading
-    them would run whatever they say.
+    them would run whatever they say, and for archives and shapes that would fill the memory (`read_npz`).
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name an .npz file.")
-    name = None
-    try:
-        # opened here: np.load leaves its own file open when the archive is none
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            arrays = {}
-            for name in (key for key in keys if key in file):
-                arrays[name] = file[name]
-            return arrays
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, AttributeError, TypeError) as error:
-        if name is not None and "allow_pickle" in str(error):
-            raise ValueError(
-                f"{path}: array {name!r} holds pickled Python objects, which are not read; store it as plain "
-                "numbers or text."
-            ) from error
-        raise OSError(f"{path} is damaged or no .npz file of plain arrays; copy it again.") from error
+    return read_npz(path, keys)
 
 
 def _load(path: Path, fields: tuple[Field, ...], known: Known | None = None) -> list[Any]:

@@ -16,15 +16,23 @@ _PIN_NEIGHBOURS = 4  # body vertices whose weights a pin blends: the waist turns
 
 
 def load_scene(
-    garment: str | Path, body: str | Path, *, collider: str | Path | None = None, pins: str = "top"
+    garment: str | Path,
+    body: str | Path,
+    *,
+    collider: str | Path | None = None,
+    pins: str = "top",
+    cloth: Garment | None = None,
+    rigged: RiggedBody | None = None,
 ) -> Scene:
     """Return the scene of a garment (.obj) on a body (.npz).
 
-    `pins` as in `load_pins`, or "group:NAME" for a group of the OBJ file. Raises `FileNotFoundError`,
-    `OSError` or `ValueError`, with the file's name, for what is not there, damaged, in another unit than
-    metres, or of another garment or body.
+    `cloth` and `rigged`: what was read from `garment` and `body` already (`intake.load_garment`,
+    `intake.load_any_body`). `pins` as in `load_pins`, or
+    "group:NAME" for a group of the OBJ file. Raises `FileNotFoundError`, `OSError` or `ValueError`, with the
+    file's name, for what is not there, damaged, in another unit than metres, or of another garment or body.
     """
-    rigged, cloth = load_body(Path(body)), read_garment(garment)
+    rigged = load_body(Path(body)) if rigged is None else rigged
+    cloth = read_garment(garment) if cloth is None else cloth
     _check_sizes(rigged, cloth, str(body), str(garment))
     known = {
         "n": (len(cloth.template), str(garment)),

@@ -1,0 +1,75 @@
+"""`garment-jax export`: sequence files for other programs, models as ONNX."""
+
+import argparse
+from pathlib import Path
+
+FORMATS = ("usd", "glb", "pc2", "mdd", "obj", "npz", "abc", "onnx")  # as export.command
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("export", help="write a sequence for other programs, or a model as ONNX")
+    parser.add_argument("source", type=Path, help="sequence file (for onnx: a run or a model folder)")
+    parser.add_argument("--out", required=True, type=Path, help="file to write (obj: a folder)")
+    parser.add_argument("--format", choices=FORMATS, help="default: by the ending of --out")
+    parser.add_argument("--unit", choices=("m", "cm", "mm"), help="unit of length (default m)")
+    parser.add_argument("--up", choices=("Y", "Z"), help="axis that points upwards (default Y)")
+    parser.add_argument("--fps", type=float, help="rate to write instead of the clip's; nothing is resampled")
+    parser.add_argument("--frame-offset", type=int, metavar="N", help="number of the first frame (default 0)")
+    parser.add_argument("--start", type=int, help="first frame of the clip to export (default 0)")
+    parser.add_argument("--stop", type=int, help="frame before which to stop (default: the clip's end)")
+    parser.add_argument("--every", type=int, help="glb: every so many frames becomes a morph target")
+    parser.add_argument("--no-body", action="store_true", help="the garment alone")
+    parser.add_argument(
+        "--blender", help="abc: a blender executable, or a Python with bpy (or GARMENT_JAX_BLENDER)"
+    )
+    parser.add_argument("--clip", type=Path, help="onnx: any sequence file of the model's garment")
+    parser.add_argument("--no-detail", action="store_true", help="onnx: without the detail network")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.export.command import choose_format, export_file
+    from garment_jax.simulation.progress import FrameProgress
+
+    given = _given(options)
+    if choose_format(options.out, options.format) == "onnx":
+        return _run_onnx(options, given)
+    if options.source.is_dir():
+        raise ValueError(f"{options.source} is a folder; name a sequence file, or --format onnx for a model.")
+    if options.clip or options.no_detail:
+        raise ValueError("--clip and --no-detail are for --format onnx; leave them out.")
+    with FrameProgress(options.source.stem) as progress:
+        report = export_file(options.source, options.out, format=options.format, progress=progress, **given)
+    print(
+        f"{', '.join(map(str, report.files))}: {report.frames} frames, {_size(report.bytes)}, "
+        f"{report.frames / report.seconds:.3g} frames/s{report.note and '; '}{report.note}"
+    )
+
+
+def _given(options: argparse.Namespace) -> dict:
+    """Return the options of clips that were given, by `export_file`'s names."""
+    names = ("unit", "up", "fps", "frame_offset", "start", "stop", "every", "blender")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    return given | ({"body": False} if options.no_body else {})
+
+
+def _size(size: int) -> str:
+    return f"{size / 2**20:.1f} MB" if size >= 2**20 else f"{size / 1024:.0f} kB"
+
+
+def _run_onnx(options: argparse.Namespace, given: dict) -> None:
+    """Export a run's or a model's step function; options of clips have no meaning there."""
+    if given:
+        names = ", ".join(f"--{name.replace('_', '-')}".replace("--body", "--no-body") for name in given)
+        raise ValueError(f"{names}: for sequences, not for --format onnx; leave out.")
+    if options.clip is None:
+        raise ValueError(
+            "--format onnx needs --clip: any sequence file of the garment that the model animates."
+        )
+    from garment_jax.export.onnx_step import export_step
+
+    facts = export_step(options.source, options.out, clip=options.clip, detail=not options.no_detail)
+    for name, value in facts.items():
+        print(f"{name}: {value}")

@@ -1,0 +1,48 @@
+"""`garment-jax view`: a page that plays sequence files in a browser."""
+
+import argparse
+import sys
+from pathlib import Path
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("view", help="make a web page that plays sequence files")
+    parser.add_argument("paths", nargs="+", type=Path, help="sequence files of one garment on one motion")
+    parser.add_argument("--out", required=True, type=Path, help="the page, one HTML file")
+    parser.add_argument(
+        "--truth", type=Path, help="which file errors are measured against (default: the last simulated one)"
+    )
+    parser.add_argument("--penetration", action="store_true", help="mark vertices inside the body (slow)")
+    parser.add_argument("--no-body", action="store_true", help="leave the body out")
+    parser.add_argument("--start", type=int, default=0, help="first frame (default 0)")
+    parser.add_argument("--stop", type=int, help="end before this frame (default: the end)")
+    parser.add_argument("--every", type=int, default=1, help="every N-th frame only (default 1)")
+    parser.add_argument("--scale-cm", type=float, help="error at the end of the colours (default: fits)")
+    parser.add_argument("--title", help="the page's title (default: the clip's name)")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.viewer.command import view_files
+
+    names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm")
+    settings = {name: getattr(options, name) for name in names}
+    written = view_files(
+        options.paths, options.out, body=not options.no_body, report=_report(sys.stderr.isatty()), **settings
+    )
+    for note in written.notes:
+        print(note)
+    print(f"{written.path}  {written.bytes / 1e6:.1f} MB")
+
+
+def _report(shown: bool):
+    """Return what draws a line of progress, if anybody looks."""
+
+    def line(what: str, done: int, of: int) -> None:
+        if shown:
+            end = "\n" if done == of else ""
+            print(f"\r{what}: {done} of {of} frames", end=end, file=sys.stderr, flush=True)
+
+    return line

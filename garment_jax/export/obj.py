@@ -1,0 +1,35 @@
+"""A folder of OBJ files, one a frame, the body's in a folder of their own below it."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.export.clip import ExportClip
+from garment_jax.export.written_whole import written_whole
+from garment_jax.formats.obj import obj_faces, write_obj
+
+
+def export_obj(clip: ExportClip, out: Path) -> list[Path]:
+    """Write `out/garment_0000.obj` … and `out/body/body_0000.obj` …; return the folder."""
+    if clip.first_frame < 0:
+        raise ValueError(f"--frame-offset {clip.first_frame}: files are numbered from 0; give 0 or more.")
+    if out.is_file():
+        raise ValueError(f"--out {out} is a file; OBJ files, one a frame, fill a folder, name a new one.")
+    garment = clip.garment
+    with written_whole(out) as (folder,):
+        folder.mkdir()
+        tail = obj_faces(garment.faces, garment.uv, garment.faces_uv)
+        _write_frames(folder, "garment", clip.garment_windows(), tail, clip.first_frame)
+        if clip.with_body:
+            (folder / "body").mkdir()
+            tail = obj_faces(clip.body.faces)
+            _write_frames(folder / "body", "body", clip.body_windows(), tail, clip.first_frame)
+    return [out]
+
+
+def _write_frames(folder: Path, name: str, windows: Iterable[np.ndarray], tail: str, number: int) -> None:
+    for vertices in windows:
+        for frame in vertices:
+            write_obj(folder / f"{name}_{number:04d}.obj", frame, tail)
+            number += 1

@@ -1,0 +1,88 @@
+"""The exported graphs run by onnxruntime beside JAX: how far they depart, and how long each takes."""
+
+import time
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from garment_jax.export.step_subject import StepSubject, first_state, step_function
+
+TOLERANCE = 1e-4  # metres, and the motion features' own units
+INPUTS, OUTPUTS = ("h", "V_prev", "M", "turn", "shift"), ("V", "h_next", "V_prev_next")
+
+
+class Comparison(NamedTuple):
+    """A rollout by JAX and one by onnxruntime, each feeding its own state back."""
+
+    departure: np.ndarray  # [t] metres, the largest over vertices and axes
+    seconds_jax: np.ndarray  # [t] the first compiles
+    seconds_onnx: np.ndarray  # [t]
+
+
+def compare_rollouts(
+    subject: StepSubject, detail: bool, step_graph: bytes, *, threads: int = 0
+) -> Comparison:
+    """Roll the subject's motion out both ways, frame by frame on the CPU; 0 `threads` are all cores."""
+    session = open_graph(step_graph, threads=threads)
+    inputs, (h, V_prev) = first_state(subject)
+    compiled = jax.jit(step_function(subject, detail))
+    state_jax, state_onnx, rows = [h, V_prev], [np.asarray(h), np.asarray(V_prev)], []
+    for t in range(len(inputs.x.M)):
+        x = inputs.frame(t)
+        began = time.perf_counter()
+        V, *state_jax = jax.block_until_ready(compiled(*state_jax, *x))
+        between = time.perf_counter()
+        made, *state_onnx = session.run(OUTPUTS, dict(zip(INPUTS, (*state_onnx, *x), strict=True)))
+        ended = time.perf_counter()
+        rows.append((np.abs(np.asarray(V) - made).max(), between - began, ended - between))
+    return Comparison(*np.array(rows).T)
+
+
+def open_graph(graph: bytes, *, threads: int = 0) -> Any:
+    """Return an onnxruntime session of a serialised graph on the CPU."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    return onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+
+
+def check_graphs(
+    subject: StepSubject, detail: bool, step_graph: bytes, start_graph: bytes, frame_graph: bytes
+) -> dict[str, float]:
+    """Return the graphs' largest departures from JAX and the host over the subject's motion.
+
+    Raises `ValueError` where one reaches 1e-4 (metres for garments) or is not a number.
+    """
+    found = {
+        "step": compare_rollouts(subject, detail, step_graph).departure.max(),
+        "start": _start_departure(subject, start_graph),
+        "frame": _frame_departure(subject, frame_graph),
+    }
+    for name, value in found.items():
+        if not value < TOLERANCE:
+            raise ValueError(
+                f"the {name} graph departs from JAX by {value:.3g}, {TOLERANCE:g} is allowed; nothing was "
+                "written. Try another --opset or version of onnxruntime, and report it."
+            )
+    return {f"{name}_departure": float(value) for name, value in found.items()}
+
+
+def _start_departure(subject: StepSubject, graph: bytes) -> float:
+    rotations = subject.motion.rotations[0].astype(np.float32)
+    h, V_prev = open_graph(graph).run(["h", "V_prev"], {"rotations": rotations})
+    state = first_state(subject)[1]
+    return float(max(np.abs(V_prev - state.V_prev).max(), np.abs(h - state.h).max()))
+
+
+def _frame_departure(subject: StepSubject, graph: bytes) -> float:
+    """Frame 0 is left out: its predecessor is the host's choice."""
+    session, x = open_graph(graph), first_state(subject)[0].x
+    R, root = (np.asarray(leaf, np.float32) for leaf in subject.motion[:2])
+    worst = 0.0
+    for t in range(1, len(R)):
+        skeletons = {"rotations": R[t], "root": root[t], "rotations_prev": R[t - 1], "root_prev": root[t - 1]}
+        made = session.run(list(x._fields), skeletons)
+        worst = max(worst, *(float(np.abs(a - b[t]).max()) for a, b in zip(made, x, strict=True)))
+    return worst

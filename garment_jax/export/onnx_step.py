@@ -1,0 +1,166 @@
+"""A trained model becomes three ONNX graphs, which engines run frame by frame (see docs/onnx.md).
+
+`NAME.onnx` is the causal step, `NAME.start.onnx` the first state from a skeleton's pose, `NAME.frame.onnx`
+the step's inputs from the skeleton of this frame and of the last.
+"""
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.body.motion_features import feature_names
+from garment_jax.export.host_functions import first_frame, frame_input
+from garment_jax.export.onnx_check import check_graphs
+from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
+from garment_jax.export.step_subject import StepSubject, load_subject, step_function
+from garment_jax.export.written_whole import written_whole
+from garment_jax.geometry.skinning import softmax_weights
+
+SCHEMA = "garment_jax-step-1"
+OPSET = 17  # the newest that onnxruntime 1.12 (2022) and the hosts built on it load
+CHECKED_FRAMES = 20  # of the clip, run by onnxruntime and by JAX
+
+
+def export_step(
+    run_or_model: str | Path,
+    out: str | Path,
+    *,
+    clip: str | Path | None = None,
+    detail: bool = True,
+    opset: int | None = None,
+    check: bool = True,
+) -> dict[str, Any]:
+    """Write the step of a run or model as ONNX graphs: `out` and, beside it, its start and frame graphs.
+
+    `clip` is any sequence file of the garment, needed because a model holds parameters alone: template,
+    faces, UVs and body are the clip's. `check` runs the graphs over its first frames and compares them with
+    JAX. Returns the facts: files with megabytes and nodes, and what the check measured. Raises `ValueError`,
+    `OSError` or `FileNotFoundError` for a model or clip that does not fit, an operator set that is not
+    written here, a graph that departs from JAX by more than 0.1 mm, or a missing package.
+    """
+    out, opset = Path(out), OPSET if opset is None else opset
+    if out.suffix != ".onnx":
+        raise ValueError(f"{out} does not end in .onnx; name the step's file so.")
+    if clip is None:
+        raise ValueError(
+            f"{run_or_model} holds parameters but not the garment; name any sequence file of it with --clip."
+        )
+    check_opset(opset)
+    _need("onnx", *(["onnxruntime"] if check else []))
+    subject = load_subject(run_or_model, clip, frames=CHECKED_FRAMES)
+    graphs = {
+        out: _step_graph(subject, detail, opset),
+        out.with_suffix(".start.onnx"): _start_graph(subject, opset),
+        out.with_suffix(".frame.onnx"): _frame_graph(subject, opset),
+    }
+    serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
+    measured = check_graphs(subject, detail, *serial.values()) if check else {}
+    with written_whole(*serial) as temporary:
+        for path, content in zip(temporary, serial.values(), strict=True):
+            path.write_bytes(content)
+    files = {
+        str(path): {"megabytes": round(len(serial[path]) / 1e6, 3), "nodes": len(graph.graph.node)}
+        for path, graph in graphs.items()
+    }
+    return {"files": files, "opset": opset, "detail": detail and "detail" in subject.model.params, **measured}
+
+
+def _need(*packages: str) -> None:
+    for package in packages:
+        try:
+            import_module(package)
+        except ImportError as error:
+            raise ValueError(
+                f"ONNX needs the package {package}; install the extra: pip install 'garment-jax[onnx]'."
+            ) from error
+
+
+def _step_graph(subject: StepSubject, detail: bool, opset: int) -> Any:
+    config, n = subject.model.config, len(subject.template.T)
+    d = len(subject.template.statistics.motion_mean)
+    frame = "metres, root frame of "
+    inputs = [
+        Port("h", (config.motion.gru,), "recurrent state"),
+        Port("V_prev", (n, 3), f"garment of the last frame before detail, {frame}the last frame"),
+        Port("M", (d,), "motion features, see the property features"),
+        Port("turn", (3, 3), "v @ turn + shift puts v of the last root frame into this one"),
+        Port("shift", (3,), "metres"),
+    ]
+    outputs = [
+        ("V", f"garment, {frame}this frame"),
+        ("h_next", "h of the next step"),
+        ("V_prev_next", "V_prev of the next step"),
+    ]
+    return to_onnx(
+        step_function(subject, detail),
+        inputs,
+        outputs,
+        name="step",
+        opset=opset,
+        metadata=_properties(subject),
+    )
+
+
+def _start_graph(subject: StepSubject, opset: int) -> Any:
+    T, config = subject.template.T, subject.model.config
+    W = np.asarray(jax.jit(lambda T, x: softmax_weights(T, x, tau=config.body.tau))(T, subject.seeds.points))
+
+    def run(rotations: jax.Array):
+        V = first_frame(subject.scene, subject.seeds, T, W, rotations)
+        return jnp.zeros(config.motion.gru), V
+
+    outputs = [("h", "zeros"), ("V_prev", "the template carried by the body, metres, root frame")]
+    properties = _properties(subject)
+    return to_onnx(run, _skeleton(subject)[:1], outputs, name="start", opset=opset, metadata=properties)
+
+
+def _frame_graph(subject: StepSubject, opset: int) -> Any:
+    model, pinned = subject.model, subject.scene.pins is not None
+
+    def run(*skeletons: jax.Array):
+        frame = frame_input(subject.scene, model.config.body.motion_joints, model.fps, *skeletons)
+        return frame if pinned else frame[:-1]
+
+    outputs = [
+        ("M", "motion features of the step"),
+        ("turn", "of the step"),
+        ("shift", "of the step, metres"),
+        ("to_world", "world = V @ to_world + root"),
+        *([("pins", "the vertices of the property pins on the body, metres, root frame")] if pinned else []),
+    ]
+    properties = _properties(subject)
+    return to_onnx(run, _skeleton(subject), outputs, name="frame", opset=opset, metadata=properties)
+
+
+def _skeleton(subject: StepSubject) -> list[Port]:
+    joints = (len(subject.scene.body.joints), 3, 3)
+    return [
+        Port("rotations", joints, "world rotation of each joint from the canonical pose"),
+        Port("root", (3,), "world position of joint 0, metres, Y up"),
+        Port("rotations_prev", joints, "rotations of the last frame"),
+        Port("root_prev", (3,), "root of the last frame"),
+    ]
+
+
+def _properties(subject: StepSubject) -> dict[str, str]:
+    """Return what a host must know, as the graph's metadata: JSON but for plain words."""
+    model, scene = subject.model, subject.scene
+    joints = model.config.body.motion_joints
+    pins = [] if scene.pins is None else scene.pins.vertices.tolist()
+    return {
+        "schema": SCHEMA,
+        "garment": subject.name,
+        "garment_hash": model.garment_hash,
+        "vertices": str(model.vertices),
+        "fps": f"{model.fps:g}",
+        "units": "metres, radians, seconds; Y up, right-handed; row vectors",
+        "joint_names": json.dumps(scene.body.joint_names),
+        "motion_joints": json.dumps(joints),
+        "features": json.dumps(feature_names(joints)),
+        "pins": json.dumps(pins),
+    }

@@ -1,0 +1,33 @@
+"""A point cache with the mesh it moves: two files a mesh, the same vertices in the same order."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.export.clip import ExportClip
+from garment_jax.export.written_whole import written_whole
+from garment_jax.formats.obj import obj_faces, write_obj
+
+Write = Callable[[Path, Iterable[np.ndarray], int, int], None]  # path, windows, frames, points
+
+
+def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
+    """Write `out` and the matching OBJ beside it, and both again as `NAME_body` for the body.
+
+    The OBJ is the garment's template on the canonical body (the body's canonical pose): what cloth tools
+    call the rest shape. Returns the files.
+    """
+    body = out.with_name(f"{out.stem}_body{out.suffix}")
+    caches = [out, body] if clip.with_body else [out]
+    files = [path for cache in caches for path in (cache, cache.with_suffix(".obj"))]
+    garment = clip.garment
+    with written_whole(*files) as temporary:
+        write(temporary[0], clip.garment_windows(), clip.frames, len(garment.template))
+        write_obj(
+            temporary[1], clip.place(garment.template), obj_faces(garment.faces, garment.uv, garment.faces_uv)
+        )
+        if clip.with_body:
+            write(temporary[2], clip.body_windows(), clip.frames, len(clip.body.vertices))
+            write_obj(temporary[3], clip.place(clip.body.vertices), obj_faces(clip.body.faces))
+    return files

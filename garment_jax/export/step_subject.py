@@ -1,0 +1,68 @@
+"""A model with its garment and a short motion: what is exported, and what the export is checked with."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+
+from garment_jax.body.seeds import Seeds
+from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.sequence import open_sequence
+from garment_jax.data.template import Template
+from garment_jax.motion.network import MotionCarry
+from garment_jax.rollout.model import Model, skinned_template, template_for
+from garment_jax.rollout.step import init_state, step
+from garment_jax.structs import FrameInput, Motion, Scene
+from garment_jax.training.pipeline import trained_model
+
+
+class StepSubject(NamedTuple):
+    """What is exported."""
+
+    model: Model
+    scene: Scene
+    template: Template
+    seeds: Seeds
+    motion: Motion  # first frames of the clip
+    name: str  # of the run or model
+
+
+def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> StepSubject:
+    """Return the model with the garment of `clip` and the first `frames` of its motion.
+
+    Raises `FileNotFoundError`, `OSError` or `ValueError` for a folder that holds no model, or a clip that
+    cannot be read or shows another garment.
+    """
+    model = trained_model(run_or_model)
+    with open_sequence(clip) as sequence:
+        scene, motion = sequence.scene, sequence.motion
+    template, seeds = template_for(model, scene, str(clip))
+    few = Motion(motion.rotations[:frames], motion.root[:frames], model.fps)
+    return StepSubject(model, scene, template, seeds, few, Path(run_or_model).resolve().name)
+
+
+def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
+    """Return (h, V_prev, M, turn, shift) -> (V, h, V_prev of the next step), parameters inside."""
+
+    def run(h: jax.Array, V_prev: jax.Array, M: jax.Array, turn: jax.Array, shift: jax.Array):
+        state, V = step(
+            subject.model.params,
+            MotionCarry(h, V_prev),
+            FrameInput(M, turn, shift),
+            template=subject.template,
+            config=subject.model.config,
+            detail=detail,
+        )
+        return V, state.h, state.V_prev
+
+    return run
+
+
+def first_state(subject: StepSubject) -> tuple[MotionInput, MotionCarry]:
+    """Return the motion's inputs and the state before its first frame, as `rollout.animate` begins."""
+    model = subject.model
+    joints = model.config.body.motion_joints
+    inputs = motion_input(subject.motion, subject.scene, subject.seeds, joints, seed_frames=1)
+    start = skinned_template(model, subject.template, subject.seeds, inputs)
+    return inputs, init_state(model.params, start, config=model.config)

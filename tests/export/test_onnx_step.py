@@ -1,0 +1,145 @@
+"""A tiny model as three graphs: run in onnxruntime beside JAX, what they say of themselves, refusals."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+
+from garment_jax.body.root_frame import from_root  # noqa: E402
+from garment_jax.export import onnx_check  # noqa: E402
+from garment_jax.export.onnx_check import open_graph  # noqa: E402
+from garment_jax.export.onnx_step import export_step  # noqa: E402
+from garment_jax.rollout.model import save_model  # noqa: E402
+from garment_jax.rollout.scan import make_rollout  # noqa: E402
+from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
+from tests.rollout.tiny_model import (  # noqa: E402
+    CONFIG,
+    JOINTS,
+    SCENE,
+    alone,
+    first_state,
+    inputs_of,
+    template,
+    tiny_model,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A saved model, a clip of its garment, and its graphs."""
+    folder = tmp_path_factory.mktemp("onnx")
+    save_model(tiny_model(), folder / "tiny", bits=32)
+    write_clip(folder / "clip.h5", frames=20)
+    facts = export_step(folder / "tiny", folder / "tiny.onnx", clip=folder / "clip.h5")
+    (folder / "facts.json").write_text(json.dumps(facts))
+    return folder
+
+
+def test_20_frames_from_a_skeleton_alone_are_the_rollout(folder: Path):
+    motion = make_motion(SCENE, 20)
+    inputs = inputs_of(motion)
+    expected = make_rollout(template(), CONFIG)(tiny_model().params, alone(first_state(inputs)), inputs.x)[1]
+    start, frame, step = (
+        open_graph((folder / f"tiny{kind}.onnx").read_bytes()) for kind in (".start", ".frame", "")
+    )
+    R, root = motion.rotations.astype(np.float32), motion.root.astype(np.float32)
+    h, V_prev = start.run(["h", "V_prev"], {"rotations": R[0]})
+    for t in range(20):
+        if t == 0:
+            x, before = inputs.frame(0), V_prev
+            M, turn, shift = x
+        else:
+            skeletons = {"rotations": R[t], "root": root[t]}
+            skeletons |= {"rotations_prev": R[t - 1], "root_prev": root[t - 1]}
+            M, turn, shift, to_world = frame.run(["M", "turn", "shift", "to_world"], skeletons)
+        state = {"h": h, "V_prev": V_prev, "M": M, "turn": turn, "shift": shift}
+        V, h, V_prev = step.run(["V", "h_next", "V_prev_next"], state)
+        np.testing.assert_allclose(V, expected[t], atol=1e-4)
+    assert np.abs(V - before).max() > 0.01
+    world = from_root(V[None].astype(np.float64), inputs.root[19:], inputs.yaw[19:])[0]
+    np.testing.assert_allclose(V @ to_world + root[19], world, atol=1e-5)
+
+
+def test_the_graphs_are_standard_and_say_what_they_are(folder: Path):
+    for kind in ("", ".start", ".frame"):
+        model = onnx.load(folder / f"tiny{kind}.onnx")
+        onnx.checker.check_model(model, full_check=True)
+        assert {node.domain for node in model.graph.node} == {""}
+        assert [(o.domain, o.version) for o in model.opset_import] == [("", 17)]
+        assert not model.functions
+        said = {p.key: p.value for p in model.metadata_props}
+        assert (said["garment"], said["fps"], said["schema"]) == ("tiny", "30", "garment_jax-step-1")
+        assert json.loads(said["joint_names"]) == list(SCENE.body.joint_names)
+        assert json.loads(said["motion_joints"]) == list(JOINTS)
+        assert len(json.loads(said["features"])) == 10 + 12 * len(JOINTS)
+        assert json.loads(said["pins"]) == list(range(16))
+        assert "metres" in said["units"]
+    assert list(folder.glob(".*tmp*")) == []
+
+
+def test_the_facts_hold_sizes_and_departures(folder: Path):
+    facts = json.loads((folder / "facts.json").read_text())
+    assert (facts["opset"], facts["detail"]) == (17, True)
+    for name, numbers in facts["files"].items():
+        assert numbers["megabytes"] == pytest.approx(Path(name).stat().st_size / 1e6, abs=1e-3)
+    assert 0 < facts["step_departure"] < 1e-4
+
+
+def test_without_detail_the_garment_is_the_state(folder: Path):
+    facts = export_step(
+        folder / "tiny", folder / "plain.onnx", clip=folder / "clip.h5", detail=False, check=False
+    )
+    assert not facts["detail"]
+    assert "step_departure" not in facts
+    graph = open_graph((folder / "plain.onnx").read_bytes())
+    given = {i.name: np.full(i.shape, 0.1, np.float32) for i in graph.get_inputs()}
+    V, _, V_prev = graph.run(["V", "h_next", "V_prev_next"], given)
+    np.testing.assert_array_equal(V, V_prev)
+
+
+def test_a_garment_without_pins_has_no_pins_to_give(folder: Path):
+    clip = write_clip(folder / "free.h5", frames=2, scene=SCENE._replace(pins=None))
+    export_step(folder / "tiny", folder / "free.onnx", clip=clip, check=False)
+    frame = onnx.load(folder / "free.frame.onnx")
+    assert [x.name for x in frame.graph.output] == ["M", "turn", "shift", "to_world"]
+    assert json.loads({p.key: p.value for p in frame.metadata_props}["pins"]) == []
+
+
+def test_a_graph_that_departs_is_refused_and_nothing_is_written(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(onnx_check, "TOLERANCE", 1e-12)
+    with pytest.raises(ValueError, match=r"graph departs from JAX by .* nothing was written"):
+        export_step(folder / "tiny", folder / "bad.onnx", clip=folder / "clip.h5")
+    assert list(folder.glob("bad*")) == []
+
+
+def test_what_does_not_fit_is_refused_in_a_sentence(folder: Path):
+    model, clip = folder / "tiny", folder / "clip.h5"
+    with pytest.raises(ValueError, match=r"tiny.txt does not end in .onnx"):
+        export_step(model, folder / "tiny.txt", clip=clip)
+    with pytest.raises(ValueError, match=r"not the garment; name any sequence file of it with --clip"):
+        export_step(model, folder / "a.onnx")
+    with pytest.raises(ValueError, match="opset=9 is not supported"):
+        export_step(model, folder / "a.onnx", clip=clip, opset=9)
+    with pytest.raises(FileNotFoundError, match=r"holds no config.toml"):
+        export_step(folder / "nowhere", folder / "a.onnx", clip=clip)
+    with pytest.raises(FileNotFoundError, match=r"no.h5"):
+        export_step(model, folder / "a.onnx", clip=folder / "no.h5")
+    other = write_clip(folder / "other.h5", frames=2, scene=make_scene(rings=6))
+    with pytest.raises(ValueError, match="96 vertices and the model was trained on 128"):
+        export_step(model, folder / "a.onnx", clip=other)
+    assert list(folder.glob("a*.onnx")) == []
+
+
+def test_a_missing_package_names_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(
+        ValueError, match=r"onnxruntime; install the extra: pip install 'garment-jax\[onnx\]'"
+    ):
+        export_step(folder / "tiny", folder / "a.onnx", clip=folder / "clip.h5")

@@ -1,0 +1,49 @@
+"""Output appears when it is whole, or not at all."""
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from garment_jax.export.written_whole import written_whole
+
+
+def test_files_take_their_names_together_at_the_end(tmp_path: Path):
+    targets = [tmp_path / "new" / name for name in ("a.pc2", "a.obj")]
+    with written_whole(*targets) as (first, second):
+        assert (first.suffix, first.parent) == (".pc2", tmp_path / "new")
+        first.write_text("1")
+        second.write_text("2")
+        assert not targets[0].exists()
+    assert [path.read_text() for path in targets] == ["1", "2"]
+    assert len(list((tmp_path / "new").iterdir())) == 2
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_nothing_is_left_and_older_files_stay(tmp_path: Path, error: type):
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(error):  # noqa: PT012, SIM117
+        with written_whole(tmp_path / "a", tmp_path / "folder") as (file, folder):
+            file.write_text("new")
+            folder.mkdir()
+            (folder / "x").touch()
+            raise error
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_text() == "old"
+
+
+def test_a_full_disk_is_one_sentence(tmp_path: Path):
+    with pytest.raises(OSError, match=r"a could not be written \(No space left .*; nothing was saved"):  # noqa: SIM117
+        with written_whole(tmp_path / "a"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_folder_that_holds_something_is_not_replaced(tmp_path: Path):
+    (tmp_path / "out").mkdir()
+    with written_whole(tmp_path / "out") as (folder,):
+        folder.mkdir()
+        (folder / "x").touch()
+    assert (tmp_path / "out" / "x").exists()
+    with pytest.raises(OSError, match="out is a folder that is not empty"):  # noqa: SIM117
+        with written_whole(tmp_path / "out"):
+            pass
