@@ -2,7 +2,7 @@
 # make test            set up .venv, check style and types, run all tests
 # make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
 # make judge MODEL=DIR  the last three of these, for any trained model
-# make setup lint format lock clean
+# make setup lint format lock clean viewer
 # PYTHON=python3.12 selects the interpreter that .venv is made with.
 
 PYTHON ?= python3
@@ -16,7 +16,7 @@ TESTS := tests
 PREDICTIONS = $(RUN)/test
 MODEL ?= models/skirt
 
-.PHONY: demo test skirt judge setup lint format lock clean
+.PHONY: demo test skirt judge setup lint format lock clean viewer
 
 # The first target: what `make` alone does. Interrupted at any point, it goes on where it was.
 demo: setup
@@ -49,7 +49,8 @@ format: setup
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --no-emit-index-url \
-	  --extra test --extra dev --extra tensorboard --extra sim pyproject.toml -o requirements.lock
+	  --extra test --extra dev --extra tensorboard --extra sim --extra usd --extra onnx --extra unwrap \
+	  pyproject.toml -o requirements.lock
 
 # Interrupted at any point, the same command goes on where it was.
 skirt: setup
@@ -69,3 +70,7 @@ judge: setup
 
 clean:
 	rm -rf $(VENV) .cache build
+
+# The part of three.js that `garment-jax view` puts into its pages, anew; needs npm, nothing else here does.
+viewer:
+	cd garment_jax/viewer/bundle && npm install --no-package-lock && npm run build

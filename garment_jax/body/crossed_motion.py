@@ -22,7 +22,9 @@ def cross_motions(
     in the heading's frame. Raises `ValueError` for a joint that the body lacks, or other frame rates.
     """
     if joint not in body.joint_names:
-        raise ValueError(f"the body has no joint {joint!r} to cross at; it has {', '.join(body.joint_names)}.")
+        raise ValueError(
+            f"the body has no joint {joint!r} to cross at; it has {', '.join(body.joint_names)}."
+        )
     if not first.fps == second.fps == third.fps:
         raise ValueError(
             f"motions of {first.fps:g}, {second.fps:g} and {third.fps:g} fps cannot be crossed; resample them."
@@ -38,7 +40,7 @@ def cross_motions(
 
 
 def _with_limb(a: np.ndarray, b: np.ndarray, body: RiggedBody, joint: str) -> np.ndarray:
-    """Return rotations `a` `[t, j, 3, 3]` with the joints from `joint` on turned against their parents as in `b`."""
+    """Return `a` `[t, j, 3, 3]` with the joints from `joint` on turned as in `b`."""
     R, parents = a.copy(), body.parents.tolist()
     below = {body.joint_names.index(joint)}
     for j, parent in enumerate(parents):

@@ -10,7 +10,7 @@ ROTATION_TOLERANCE = 1e-3  # entries of a rotation matrix, about 0.06 degrees
 
 def check_pair(pred: Sequence, truth: Sequence) -> None:
     """Raise `ValueError` naming the first thing in which `pred` and `truth` differ."""
-    _check_garment(pred, truth)
+    check_garment(pred, truth)
     if pred.frames != truth.frames:
         raise ValueError(
             f"{pred.name} has {pred.frames} frames but {truth.name} has {truth.frames}; "
@@ -21,10 +21,11 @@ def check_pair(pred: Sequence, truth: Sequence) -> None:
             f"{pred.name} runs at {pred.fps:g} fps but {truth.name} at {truth.fps:g}; "
             "resample one of them to the other's rate."
         )
-    _check_motion(pred, truth)
+    check_motion(pred, truth, truth.frames)
 
 
-def _check_garment(pred: Sequence, truth: Sequence) -> None:
+def check_garment(pred: Sequence, truth: Sequence) -> None:
+    """Raise `ValueError` unless both have the same vertices and faces."""
     ours, theirs = pred.scene.garment, truth.scene.garment
     if len(ours.template) != len(theirs.template):
         raise ValueError(
@@ -39,15 +40,16 @@ def _check_garment(pred: Sequence, truth: Sequence) -> None:
         )
 
 
-def _check_motion(pred: Sequence, truth: Sequence) -> None:
+def check_motion(pred: Sequence, truth: Sequence, frames: int) -> None:
+    """Raise `ValueError` unless the first `frames` frames, which both must have, move alike."""
     ours, theirs = pred.motion, truth.motion
-    if ours.rotations.shape != theirs.rotations.shape:
+    if ours.rotations.shape[1] != theirs.rotations.shape[1]:
         raise ValueError(
             f"{pred.name} has {ours.rotations.shape[1]} joints but {truth.name} has "
             f"{theirs.rotations.shape[1]}; compare clips of one body."
         )
-    away = np.abs(ours.root - theirs.root).max(axis=-1)
-    turned = np.abs(ours.rotations - theirs.rotations).max(axis=(1, 2, 3))
+    away = np.abs(ours.root[:frames] - theirs.root[:frames]).max(axis=-1)
+    turned = np.abs(ours.rotations[:frames] - theirs.rotations[:frames]).max(axis=(1, 2, 3))
     bad = (away > ROOT_TOLERANCE) | (turned > ROTATION_TOLERANCE)
     if bad.any():
         frame = int(np.argmax(bad))

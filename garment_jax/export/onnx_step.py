@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.body.motion_features import feature_names
+from garment_jax.body.motion_features import chosen_joints, feature_names
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
@@ -150,7 +150,7 @@ def _skeleton(subject: StepSubject) -> list[Port]:
 def _properties(subject: StepSubject) -> dict[str, str]:
     """Return what a host must know, as the graph's metadata: JSON but for plain words."""
     model, scene = subject.model, subject.scene
-    joints = model.config.body.motion_joints
+    joints = chosen_joints(scene.body, model.config.body.motion_joints)
     pins = [] if scene.pins is None else scene.pins.vertices.tolist()
     return {
         "schema": SCHEMA,

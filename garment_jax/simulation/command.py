@@ -1,7 +1,6 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
-import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -10,21 +9,17 @@ from typing import Any
 import h5py
 import numpy as np
 
-from garment_jax.body.bvh import read_bvh
-from garment_jax.body.retarget import retarget
-from garment_jax.body.vary import Variation, cut, vary_motion
-from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.hdf5 import open_hdf5
 from garment_jax.data.layout import Field, check_fields
 from garment_jax.data.npz import read_arrays
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.validation import check_motion, check_scene
+from garment_jax.data.validation import check_motion
 from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.intake.motions import SUFFIXES, read_motion
 from garment_jax.simulation.clips import Job
 from garment_jax.simulation.rest_shape import rest_shape
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.structs import Collider, Garment, RiggedBody, Scene
+from garment_jax.structs import Collider, Garment, RiggedBody
 
 EMBEDDED_CLIP = 112  # frames of an embedded clip, about
 SHORTEST = 80  # frames that can be split into training and test
@@ -33,7 +28,8 @@ DANCE_SEED = 1_005  # far from the training motions' seeds; with seed 0 it turns
 EMBEDDED_CLOTH = {"circle_skirt": ["self_collision=on"], "cape": ["self_collision=on"]}
 _LEAST = {
     "workers": 1,
-    "copies": 1,
+    "copies": 0,
+    "crosses": 0,
     "frames": 1,
     "seed": 0,
     "skip": 0,
@@ -152,44 +148,7 @@ def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> li
     return [*jobs, Job("dance", "test", motion)]
 
 
-def varied_jobs(
-    paths: Sequence[Path],
-    *,
-    copies: int,
-    seed: int,
-    turn: float = Variation().turn[1],
-    longest: int | None = None,
-) -> tuple[Scene, list[Job]]:
-    """Return the scene of simulated clips, and `copies` varied motions of each (`vary_motion`), to train on.
-
-    `turn`: degrees per second that the body turns besides, at most; `longest`: frames of a motion, which
-    is cut out anywhere. Give training clips only: what is varied from a test clip is no longer unseen. Raises
-    `FileNotFoundError` where there are none, `ValueError` for clips of different scenes, in another unit
-    or with a broken motion.
-    """
-    files = [file for path in paths for file in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
-    if not files:
-        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no clips (*.h5); name some with --vary.")
-    jobs, scene = [], None
-    for file in files:
-        with open_sequence(file) as clip:
-            check_scene(clip.scene, str(file))
-            check_motion(clip.motion, str(file))
-            if clip.scene.collider is not None:
-                check_collider(clip.scene.collider, file)
-            scene = scene or clip.scene
-            if scene_hash(clip.scene) != scene_hash(scene):
-                raise ValueError(f"{file} has another garment or body than {files[0]}; vary them separately.")
-            for copy in range(1, copies + 1):
-                rng = np.random.default_rng([seed, copy, zlib.crc32(clip.name.encode())])
-                variation = Variation(turn=(-turn, turn))
-                motion = cut(vary_motion(clip.motion, scene.body, rng, variation=variation), longest, rng)
-                jobs.append(Job(f"{clip.name}_v{copy}", "train", motion))
-    assert scene is not None
-    return scene, jobs
-
-
-def bvh_jobs(
+def motion_jobs(
     paths: Sequence[Path],
     body: RiggedBody,
     *,
@@ -199,29 +158,47 @@ def bvh_jobs(
     source_fps: float | None = None,
     skip: int = 0,
     floor: bool = True,
+    unit: str | None = None,
+    up: str | None = None,
+    origin: np.ndarray | None = None,
+    say: Callable[[str], None] = print,
 ) -> list[Job]:
-    """Return a clip for every BVH file named, or found in a folder named; those in `test` are for testing.
+    """Return a clip for every motion named, or found in a folder named; those in `test` are for testing.
 
-    `floor`, `joints`, `source_fps` and `skip` as in `retarget`.
+    The other options as in `read_motion`.
     Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for and
     for a root that jumps, which nothing could be trained on.
     """
-    files = [file for path in paths for file in (sorted(path.glob("*.bvh")) if path.is_dir() else [path])]
+    files = [file for path in paths for file in (_motions_in(path) if path.is_dir() else [path])]
     if not files:
-        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no BVH files; name some with --motion.")
+        raise FileNotFoundError(
+            f"{', '.join(map(str, paths))} holds no motions ({', '.join(SUFFIXES)}); name some with --motion."
+        )
     missing = sorted(set(test) - {file.stem for file in files})
     if missing:
         raise ValueError(f"--test {missing[0]}: there is no such motion; there are {_names(files)}.")
     jobs = []
     for file in files:
-        clip = read_bvh(file)
-        with _naming(file):
-            motion = retarget(
-                clip, body, joints=joints, fps=fps, source_fps=source_fps, skip=skip, floor=floor
-            )
+        motion = read_motion(
+            file,
+            body,
+            fps=fps,
+            source_fps=source_fps,
+            joints=joints,
+            skip=skip,
+            floor=floor,
+            unit=unit,
+            up=up,
+            origin=origin,
+            say=say,
+        )
         check_motion(motion, str(file))
         jobs.append(Job(file.stem, "test" if file.stem in test else "train", motion))
     return jobs
+
+
+def _motions_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
 def _names(files: Sequence[Path]) -> str:

@@ -35,6 +35,8 @@ def varied_jobs(
     longer unseen. Raises `FileNotFoundError` where there are none, `ValueError` for clips of different
     scenes, in another unit or with a broken motion, and for fewer than three clips to cross.
     """
+    if not copies and not crosses:
+        raise ValueError("--copies 0 and --crosses 0 make no clips; give one of them.")
     files = [file for path in paths for file in (sorted(path.glob("*.h5")) if path.is_dir() else [path])]
     if not files:
         raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no clips (*.h5); name some with --vary.")
@@ -42,8 +44,6 @@ def varied_jobs(
         raise ValueError(
             f"--crosses {crosses} needs three clips at least and {len(files)} are there; name more."
         )
-    if not copies and not crosses:
-        raise ValueError("--copies 0 and --crosses 0 make no clips; give one of them.")
     scene, motions = _read(files)
     variation = Variation(turn=(-turn, turn))
     jobs = []

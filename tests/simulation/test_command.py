@@ -8,19 +8,18 @@ import pytest
 
 from garment_jax.embedded.mannequin import make_mannequin
 from garment_jax.simulation.command import (
-    bvh_jobs,
     check_collider,
     check_numbers,
     check_rest_shape,
     cloth_settings,
     embedded_jobs,
+    motion_jobs,
     read_pattern,
-    varied_jobs,
 )
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import RiggedBody
 from tests.reference.files import write_bvh
-from tests.reference.scene import make_motion, make_scene, write_clip
+from tests.reference.scene import make_motion, make_scene
 
 
 @pytest.fixture(scope="module")
@@ -76,36 +75,12 @@ def test_settings_that_mean_nothing_are_refused(pair: str, sentence: str):
         cloth_settings([pair])
 
 
-def test_bvh_files_that_are_not_there_are_refused(tmp_path: Path, body):
-    with pytest.raises(FileNotFoundError, match="holds no BVH files"):
-        bvh_jobs([tmp_path], body, fps=30.0)
+def test_motions_that_are_not_there_are_refused(tmp_path: Path, body):
+    with pytest.raises(FileNotFoundError, match="holds no motions"):
+        motion_jobs([tmp_path], body, fps=30.0)
     (tmp_path / "walk.bvh").write_text("HIERARCHY")
     with pytest.raises(ValueError, match="--test run: there is no such motion; there are walk"):
-        bvh_jobs([tmp_path], body, fps=30.0, test=["run"])
-
-
-def test_varied_clips_are_seeded_and_named_after_theirs(tmp_path: Path):
-    for name, seed in (("polka", 1), ("waltz", 2)):
-        write_clip(tmp_path / f"{name}.h5", 40, seed, attributes={"name": name})
-    scene, jobs = varied_jobs([tmp_path], copies=2, seed=0)
-    assert [job.name for job in jobs] == ["polka_v1", "polka_v2", "waltz_v1", "waltz_v2"]
-    assert {job.split for job in jobs} == {"train"}
-    assert len(scene.body.joint_names) == 22
-    again = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=0)[1][0].motion
-    np.testing.assert_array_equal(jobs[2].motion.rotations, again.rotations)
-    other = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=1)[1][0].motion
-    assert len(other.root) != len(again.root) or np.abs(other.root - again.root).max() > 1e-3
-
-
-def test_clips_of_two_scenes_are_not_varied_together(tmp_path: Path):
-    write_clip(tmp_path / "a.h5", 12)
-    write_clip(tmp_path / "b.h5", 12, scene=make_scene(6, 12))
-    with pytest.raises(ValueError, match=r"b\.h5 has another garment or body than .*a\.h5; vary them"):
-        varied_jobs([tmp_path], copies=1, seed=0)
-    empty = tmp_path / "none"
-    empty.mkdir()
-    with pytest.raises(FileNotFoundError, match="holds no clips"):
-        varied_jobs([empty], copies=1, seed=0)
+        motion_jobs([tmp_path], body, fps=30.0, test=["run"])
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
@@ -199,7 +174,7 @@ NUMBERS = {
     [
         ("workers", 0, "--workers 0 is too small; give 1 or more"),
         ("workers", -2, "--workers -2 is too small"),
-        ("copies", 0, "--copies 0 is too small; give 1 or more"),
+        ("copies", -1, "--copies -1 is too small; give 0 or more"),
         ("frames", 0, "--frames 0 is too small"),
         ("seed", -1, "--seed -1 is too small; give 0 or more"),
         ("skip", -3, "--skip -3 is too small; give 0 or more"),
@@ -213,28 +188,15 @@ def test_numbers_that_are_too_small_are_refused(name: str, value: float, sentenc
         check_numbers(NUMBERS | {name: value})
 
 
-def test_varied_clips_in_centimetres_or_with_a_jump_are_refused_by_file(tmp_path: Path):
-    scene = make_scene()
-    large = scene.body._replace(vertices=scene.body.vertices * np.float32(100))
-    write_clip(tmp_path / "cm.h5", 4, scene=scene._replace(body=large), encoding="float32")
-    with pytest.raises(ValueError, match=r"cm\.h5: the body is 13\d m large, which looks like centimetres"):
-        varied_jobs([tmp_path / "cm.h5"], copies=1, seed=0)
-    motion = make_motion(scene, 12)
-    jump = motion.root + np.where(np.arange(12)[:, None] >= 7, 2.0, 0.0)
-    write_clip(tmp_path / "jump.h5", motion=motion._replace(root=jump))
-    with pytest.raises(ValueError, match=r"jump\.h5: the root moves at [\d.]+ m/s in frame 7"):
-        varied_jobs([tmp_path / "jump.h5"], copies=1, seed=0)
-
-
 def test_a_bvh_that_does_not_fit_is_refused_by_file(tmp_path: Path):
     scene = make_scene()
     motion = make_motion(scene, 12)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion)
     with pytest.raises(ValueError, match=r"walk\.bvh: skip = 40 leaves nothing of 12 frames"):
-        bvh_jobs([tmp_path], scene.body, fps=30.0, skip=40)
+        motion_jobs([tmp_path], scene.body, fps=30.0, skip=40)
     jump = motion.root + np.where(np.arange(12)[:, None] >= 1, 2.0, 0.0)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion._replace(root=jump))
     with pytest.raises(ValueError, match=r"walk\.bvh: the root moves at [\d.]+ m/s in frame 1; check"):
-        bvh_jobs([tmp_path], scene.body, fps=30.0)
-    (job,) = bvh_jobs([tmp_path], scene.body, fps=30.0, skip=1)
+        motion_jobs([tmp_path], scene.body, fps=30.0)
+    (job,) = motion_jobs([tmp_path], scene.body, fps=30.0, skip=1)
     assert len(job.motion.root) == 11
