@@ -27,7 +27,8 @@ def cross_motions(
         )
     if not first.fps == second.fps == third.fps:
         raise ValueError(
-            f"motions of {first.fps:g}, {second.fps:g} and {third.fps:g} fps cannot be crossed; resample them."
+            f"motions of {first.fps:g}, {second.fps:g} and {third.fps:g} fps cannot be crossed; "
+            "resample them."
         )
     frames = min(len(motion.root) for motion in (first, second, third))
     a, b, c = (motion.rotations[:frames].astype(np.float64) for motion in (first, second, third))

@@ -83,5 +83,7 @@ def _crossed(
     """Return a motion out of variations of three clips drawn at random."""
     variation = Variation(begin=(0.0, 0.0), turn=(-turn, turn))
     drawn = rng.choice(len(motions), 3, replace=False)
-    parts = [cut(vary_motion(motions[k], scene.body, rng, variation=variation), longest, rng) for k in drawn]
-    return cross_motions(*parts, scene.body)
+    first, second, third = (
+        cut(vary_motion(motions[k], scene.body, rng, variation=variation), longest, rng) for k in drawn
+    )
+    return cross_motions(first, second, third, scene.body)
