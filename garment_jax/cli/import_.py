@@ -8,6 +8,13 @@ from typing import Any
 
 PARTS = ("garment", "body", "motion", "clip")  # each has a unit and an up axis
 
+# options that packed clips have no use for
+FOREIGN = (
+    *("garment", "motion", "collider", "pins", "unit", "up", "fps", "source_fps", "joints", "skip", "floor"),
+    *("unwrap", "fit_uv", "drop_duplicates", "test"),
+    *(f"{part}_{what}" for part in PARTS for what in ("unit", "up")),
+)
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
@@ -34,7 +41,8 @@ def add(commands) -> None:
     parser.add_argument("--pins", help="top, none, above:HEIGHT, group:NAME or .npz (default by the garment)")
     parser.add_argument(
         "--unit",
-        help="m, cm, mm, in or metres per unit, of all files; --clip-unit, --garment-unit, --body-unit and --motion-unit speak of one",
+        help="m, cm, mm, in or metres per unit, of all files; --clip-unit, --garment-unit, --body-unit, "
+        "--motion-unit of one",
     )
     parser.add_argument(
         "--up", choices=("Y", "Z"), help="up axis of all files; --clip-up and so on speak of one"
@@ -67,6 +75,9 @@ def run(options: argparse.Namespace) -> None:
 def _import_packed(options: argparse.Namespace) -> None:
     from garment_jax.data.importer import import_clips
 
+    ignored = [name for name in FOREIGN if getattr(options, name) not in (None, [], 0, False)]
+    if ignored:
+        raise ValueError(f"--{ignored[0].replace('_', '-')}: packed clips say that themselves; leave it out.")
     show = partial(print, flush=True)
     clips = import_clips(options.paths, options.out, body=options.body, progress=show)
     new = sum(not clip.skipped for clip in clips)
@@ -75,8 +86,9 @@ def _import_packed(options: argparse.Namespace) -> None:
 
 
 def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
-    from garment_jax.intake.clips import Options, import_sources
+    from garment_jax.intake.clips import import_sources
     from garment_jax.intake.formats import list_sources
+    from garment_jax.intake.sources import Options
 
     own = Options(
         garment=options.garment,

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from garment_jax.export.step_subject import StepSubject, first_state, step_function
+from garment_jax.rollout.attachment import make_attachment
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
 INPUTS, OUTPUTS = ("h", "V_prev", "M", "turn", "shift"), ("V", "h_next", "V_prev_next")
@@ -49,7 +50,12 @@ def open_graph(graph: bytes, *, threads: int = 0) -> Any:
 
 
 def check_graphs(
-    subject: StepSubject, detail: bool, step_graph: bytes, start_graph: bytes, frame_graph: bytes
+    subject: StepSubject,
+    detail: bool,
+    step_graph: bytes,
+    start_graph: bytes,
+    frame_graph: bytes,
+    attach_graph: bytes | None = None,
 ) -> dict[str, float]:
     """Return the graphs' largest departures from JAX and the host over the subject's motion.
 
@@ -60,6 +66,8 @@ def check_graphs(
         "start": _start_departure(subject, start_graph),
         "frame": _frame_departure(subject, frame_graph),
     }
+    if attach_graph is not None:
+        found["attach"] = _attach_departure(subject, attach_graph)
     for name, value in found.items():
         if not value < TOLERANCE:
             raise ValueError(
@@ -86,3 +94,13 @@ def _frame_departure(subject: StepSubject, graph: bytes) -> float:
         made = session.run(list(x._fields), skeletons)
         worst = max(worst, *(float(np.abs(a - b[t]).max()) for a, b in zip(made, x, strict=True)))
     return worst
+
+
+def _attach_departure(subject: StepSubject, graph: bytes) -> float:
+    """The template with its pins moved by some centimetres, each by its own."""
+    scene = subject.scene
+    assert scene.pins is not None
+    pins, V = scene.pins.vertices, subject.template.T
+    moved = V[pins] + 0.05 * np.sin(np.arange(3 * len(pins), dtype=np.float32)).reshape(-1, 3)
+    made = open_graph(graph).run(["V_attached"], {"V": V, "pins": moved})[0]
+    return float(np.abs(made - np.asarray(make_attachment(scene.garment, pins)(V, moved))).max())

@@ -1,7 +1,8 @@
-"""A trained model becomes three ONNX graphs, which engines run frame by frame (see docs/onnx.md).
+"""A trained model becomes a few ONNX graphs, which engines run frame by frame (see docs/onnx.md).
 
 `NAME.onnx` is the causal step, `NAME.start.onnx` the first state from a skeleton's pose, `NAME.frame.onnx`
-the step's inputs from the skeleton of this frame and of the last.
+the step's inputs from the skeleton of this frame and of the last, `NAME.attach.onnx` brings a pinned
+garment to its pins.
 """
 
 import json
@@ -19,7 +20,9 @@ from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
 from garment_jax.export.step_subject import StepSubject, load_subject, step_function
 from garment_jax.export.written_whole import written_whole
+from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.skinning import softmax_weights
+from garment_jax.rollout.attachment import REACH, attached
 
 SCHEMA = "garment_jax-step-1"
 OPSET = 17  # the newest that onnxruntime 1.12 (2022) and the hosts built on it load
@@ -35,7 +38,7 @@ def export_step(
     opset: int | None = None,
     check: bool = True,
 ) -> dict[str, Any]:
-    """Write the step of a run or model as ONNX graphs: `out` and, beside it, its start and frame graphs.
+    """Write the step of a run or model as ONNX graphs: `out` and, beside it, start, frame and attach graphs.
 
     `clip` is any sequence file of the garment, needed because a model holds parameters alone: template,
     faces, UVs and body are the clip's. `check` runs the graphs over its first frames and compares them with
@@ -58,6 +61,8 @@ def export_step(
         out.with_suffix(".start.onnx"): _start_graph(subject, opset),
         out.with_suffix(".frame.onnx"): _frame_graph(subject, opset),
     }
+    if subject.scene.pins is not None:
+        graphs[out.with_suffix(".attach.onnx")] = _attach_graph(subject, subject.scene.pins.vertices, opset)
     serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
     measured = check_graphs(subject, detail, *serial.values()) if check else {}
     with written_whole(*serial) as temporary:
@@ -135,6 +140,26 @@ def _frame_graph(subject: StepSubject, opset: int) -> Any:
     ]
     properties = _properties(subject)
     return to_onnx(run, _skeleton(subject), outputs, name="frame", opset=opset, metadata=properties)
+
+
+def _attach_graph(subject: StepSubject, pins: np.ndarray, opset: int) -> Any:
+    garment = subject.scene.garment
+    H = smooth_extension(garment.template, garment.faces, pins, reach=REACH)
+    frame = "metres, root frame"
+    inputs = [
+        Port("V", garment.template.shape, frame),
+        Port("pins", (len(pins), 3), f"of the frame graph, {frame}"),
+    ]
+    outputs = [("V_attached", f"V with its pins there and the cloth beside them along, {frame}")]
+    properties = _properties(subject)
+    return to_onnx(
+        lambda V, positions: (attached(jnp.asarray(H), V, positions, pins),),
+        inputs,
+        outputs,
+        name="attach",
+        opset=opset,
+        metadata=properties,
+    )
 
 
 def _skeleton(subject: StepSubject) -> list[Port]:

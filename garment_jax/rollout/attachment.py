@@ -9,6 +9,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.structs import Garment
@@ -24,10 +25,17 @@ def make_attachment(garment: Garment, pins: np.ndarray) -> Callable[[jax.Array, 
     if not len(pins):
         return lambda V, positions: V
     H = smooth_extension(garment.template, garment.faces, pins, reach=REACH)
-
-    def attach(H: jax.Array, V: jax.Array, positions: jax.Array) -> jax.Array:
-        moved = V + jnp.einsum("np,...pc->...nc", H, positions - V[..., pins, :])
-        return moved.at[..., pins, :].set(positions)  # to the last digit
-
-    compiled = jax.jit(attach)
+    compiled = jax.jit(
+        lambda H, V, at: attached(H, V, at, pins).at[..., pins, :].set(at)
+    )  # to the last digit
     return lambda V, positions: compiled(H, V, positions)
+
+
+def attached(
+    H: Float[Array, "n p"],
+    V: Float[Array, "*b n 3"],
+    positions: Float[Array, "*b p 3"],
+    pins: Int[np.ndarray, " p"],
+) -> Float[Array, "*b n 3"]:
+    """Return `V` moved by what its pins are off, extended by `H` (`smooth_extension`); metres."""
+    return V + jnp.einsum("np,...pc->...nc", H, positions - V[..., pins, :])

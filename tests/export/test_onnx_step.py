@@ -14,6 +14,7 @@ from garment_jax.body.root_frame import from_root  # noqa: E402
 from garment_jax.export import onnx_check  # noqa: E402
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_step import export_step  # noqa: E402
+from garment_jax.rollout.attachment import make_attachment  # noqa: E402
 from garment_jax.rollout.model import save_model  # noqa: E402
 from garment_jax.rollout.scan import make_rollout  # noqa: E402
 from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
@@ -65,8 +66,18 @@ def test_20_frames_from_a_skeleton_alone_are_the_rollout(folder: Path):
     np.testing.assert_allclose(V @ to_world + root[19], world, atol=1e-5)
 
 
+def test_the_attached_garment_is_the_animations(folder: Path):
+    assert SCENE.pins is not None
+    pins, T = SCENE.pins.vertices, template().T
+    moved = T[pins] + np.float32(0.03)
+    graph = open_graph((folder / "tiny.attach.onnx").read_bytes())
+    V = graph.run(["V_attached"], {"V": T, "pins": moved})[0]
+    np.testing.assert_allclose(V, make_attachment(SCENE.garment, pins)(T, moved), atol=1e-6)
+    np.testing.assert_allclose(V[pins], moved, atol=1e-6)
+
+
 def test_the_graphs_are_standard_and_say_what_they_are(folder: Path):
-    for kind in ("", ".start", ".frame"):
+    for kind in ("", ".start", ".frame", ".attach"):
         model = onnx.load(folder / f"tiny{kind}.onnx")
         onnx.checker.check_model(model, full_check=True)
         assert {node.domain for node in model.graph.node} == {""}
@@ -105,6 +116,7 @@ def test_without_detail_the_garment_is_the_state(folder: Path):
 def test_a_garment_without_pins_has_no_pins_to_give(folder: Path):
     clip = write_clip(folder / "free.h5", frames=2, scene=SCENE._replace(pins=None))
     export_step(folder / "tiny", folder / "free.onnx", clip=clip, check=False)
+    assert not (folder / "free.attach.onnx").exists()
     frame = onnx.load(folder / "free.frame.onnx")
     assert [x.name for x in frame.graph.output] == ["M", "turn", "shift", "to_world"]
     assert json.loads({p.key: p.value for p in frame.metadata_props}["pins"]) == []
