@@ -178,8 +178,8 @@ def animate_file(
             print(line, end="", file=sys.stderr, flush=True)
         writer.add_per_frame("outside_training_range", outside)
         if figures:
-            for name, values in per_frame_columns(join_figures(figures)).items():
-                writer.add_per_frame(name, values)
+            for column, values in per_frame_columns(join_figures(figures)).items():
+                writer.add_per_frame(column, values)
     print(file=sys.stderr)
     if outside.max() > 0.1:
         print(

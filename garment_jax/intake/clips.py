@@ -1,0 +1,135 @@
+"""`garment-jax import` for what is no packed clip: every format becomes sequence files the same way.
+
+A format's file (`vto_clips`, `virtual_bones_clips`, `mesh_clips`, `motion_clips`) lists its clips as
+`Source`s, which read nothing yet. Here they are read and written one after the other, by windows of frames;
+what was imported before from the same content is skipped, and a clip that cannot be read does not stop the
+others.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from garment_jax.data import layout
+from garment_jax.data.content_hash import body_hash, stored_hash
+from garment_jax.data.sequence import open_sequence
+from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
+from garment_jax.intake.sources import ForeignClip, Source
+
+_BLOCK = 2**20  # bytes hashed at once
+
+
+class Outcome(NamedTuple):
+    """What became of a clip."""
+
+    source: Path
+    path: Path
+    frames: int
+    body: str  # hash, "" for what was skipped or refused
+    skipped: bool = False  # it was there already, made from the same content
+    refused: str = ""  # why it could not be read
+
+
+def import_sources(
+    sources: Sequence[Source],
+    out: Path,
+    *,
+    test: Sequence[str] = (),
+    settings: str = "",
+    progress: Callable[[str], None] = print,
+) -> list[Outcome]:
+    """Turn `sources` into `OUT/<train|test>/<name>.h5`, one at a time; `test` names those to test on.
+
+    `settings` is a text of the options that shape the result: together with the files' content it says
+    whether a clip is there already. A clip that is refused gets a line and the others go on; a single one
+    raises. Raises `ValueError` for two clips of one name and for a test clip that is not there.
+    """
+    names = [source.name for source in sources]
+    _check_names(sources, test)
+    outcomes: list[Outcome] = []
+    width = len(str(len(sources)))
+    for i, source in enumerate(sources):
+        begin = time.perf_counter()
+        path = out / ("test" if names[i] in test else "train") / f"{names[i]}.h5"
+        try:
+            outcome = _import_source(source, path, settings, progress)
+        except (ValueError, OSError) as error:
+            if len(sources) == 1:
+                raise
+            outcome = Outcome(source.path, path, 0, "", refused=str(error))
+        outcomes.append(outcome)
+        took = "already there" if outcome.skipped else f"{time.perf_counter() - begin:.1f} s"
+        done = f"{path} {outcome.frames} frames, {took}"
+        progress(
+            f"[{i + 1:>{width}}/{len(sources)}] {f'left out: {outcome.refused}' if outcome.refused else done}"
+        )
+    return outcomes
+
+
+def _check_names(sources: Sequence[Source], test: Sequence[str]) -> None:
+    seen: dict[str, Path] = {}
+    for source in sources:
+        if source.name in seen:
+            raise ValueError(
+                f"{seen[source.name]} and {source.path} are both named {source.name}; rename one."
+            )
+        seen[source.name] = source.path
+    missing = sorted(set(test) - set(seen))
+    if missing:
+        raise ValueError(f"--test {missing[0]}: there is no such clip; there are {', '.join(seen)}.")
+
+
+def _import_source(source: Source, path: Path, settings: str, progress: Callable[[str], None]) -> Outcome:
+    content = _content_hash(source.files, settings)
+    if stored_hash(path) == content:
+        return Outcome(source.path, path, _frames_of(path), "", skipped=True)
+    clip = source.read()
+    where = str(source.path)
+    check_clip(clip, where)
+    for note in clip.notes:
+        progress(f"{source.name}: {note}")
+    attributes = {"name": source.name, "content_hash": content, "source": source.path.name}
+    frames = len(clip.motion.root)
+    if clip.windows is None:
+        with SequenceWriter(path, clip.scene, clip.motion, encoding="none", attributes=attributes):
+            pass
+        return Outcome(source.path, path, frames, body_hash(clip.scene.body))
+    attributes |= {"kind": "simulated", "split": path.parent.name}
+    _write(path, clip, attributes, where)
+    return Outcome(source.path, path, frames, body_hash(clip.scene.body))
+
+
+def _write(path: Path, clip: ForeignClip, attributes: dict, where: str) -> None:
+    """Write the frames by windows: as int16, or as float32 where the garment reaches farther."""
+    assert clip.windows is not None
+    encoding = choose_encoding(clip, where)
+    with SequenceWriter(path, clip.scene, clip.motion, encoding=encoding, attributes=attributes) as writer:
+        for V in clip.windows(WINDOW):
+            writer.append(V)
+
+
+def _frames_of(path: Path) -> int:
+    with open_sequence(path) as sequence:
+        return sequence.frames
+
+
+def _content_hash(files: Sequence[Path], settings: str) -> str:
+    """Return 16 hexadecimal digits of the files' names and contents and of the settings."""
+    digest = hashlib.sha256(f"schema {layout.SCHEMA_VERSION} {settings}".encode())
+    for file in files:
+        inside = sorted(path for path in file.iterdir() if path.is_file()) if file.is_dir() else [file]
+        for path in inside:
+            digest.update(path.name.encode())
+            _hash_file(path, digest)
+    return digest.hexdigest()[:16]
+
+
+def _hash_file(path: Path, digest) -> None:
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} is not there; name a file.")
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)

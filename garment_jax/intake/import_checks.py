@@ -1,0 +1,59 @@
+"""Checks on a foreign clip before it is written: what would train nonsense is refused in a sentence."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from garment_jax.body.kinematics import pose_body
+from garment_jax.data.sequence_writer import DEFAULT_SCALE
+from garment_jax.data.validation import STILL, check_motion, check_scene
+from garment_jax.intake.sources import ForeignClip
+
+WINDOW = 64  # frames in memory at once
+_REACH = 32_767 * DEFAULT_SCALE * 0.99  # metres from the root that int16 holds
+_APART = 0.5  # metres between garment and body that mean another unit, up axis or motion
+
+
+def check_clip(clip: ForeignClip, where: str) -> None:
+    """Raise `ValueError`, with the file's name, for another unit, a root that jumps, cloth elsewhere."""
+    check_scene(clip.scene, where)
+    check_motion(clip.motion, where)
+    if clip.windows is None:
+        return
+    first = next(clip.windows(1))[0]
+    body = pose_body(clip.scene.body, clip.motion, slice(0, 1))[0]
+    apart = float(np.median(KDTree(body).query(first)[0])) if np.isfinite(first).all() else 0.0
+    if apart > _APART:
+        raise ValueError(
+            f"{where}: in frame 0 the garment is {apart:.2f} m from the body; give the units and up "
+            "axes (--clip-unit cm, --motion-up Z), or the motion that belongs to it."
+        )
+
+
+def choose_encoding(clip: ForeignClip, where: str) -> str:
+    """Return how the frames are stored: "int16", or "float32" where the garment reaches too far for that.
+
+    Raises `ValueError` for values that are not finite, with frame and vertex, and for a clip that is static.
+    """
+    assert clip.windows is not None
+    low = high = None
+    encoding, start = "int16", 0
+    for V in clip.windows(WINDOW):
+        _check_finite(V, start, where)
+        if np.abs(V - clip.motion.root[start : start + len(V), None]).max() > _REACH:
+            encoding = "float32"
+        low = V.min(axis=0) if low is None else np.minimum(low, V.min(axis=0))
+        high = V.max(axis=0) if high is None else np.maximum(high, V.max(axis=0))
+        start += len(V)
+    if low is None or high is None or float((high - low).max()) < STILL:
+        raise ValueError(f"{where} is static: no vertex moves in its {start} frames; leave it out.")
+    return encoding
+
+
+def _check_finite(V: np.ndarray, start: int, where: str) -> None:
+    bad = ~np.isfinite(V).all(axis=2)
+    if bad.any():
+        frame, vertex = np.argwhere(bad)[0]
+        raise ValueError(
+            f"{where}: vertex {vertex} of frame {start + frame} is {V[frame, vertex].tolist()}; cut the clip "
+            "before that frame or export it again."
+        )

@@ -1,0 +1,160 @@
+"""Clips that are animated meshes of the user's garment: PC2, MDD, USD, Alembic, folders of OBJ or PLY."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.geometry.topology import unique_edges
+from garment_jax.intake.own_files import MESHES, Place, Wardrobe, list_motions, settle_place
+from garment_jax.intake.sources import ForeignClip, Options, Source
+from garment_jax.intake.vertex_body import VertexBody, read_vertex_body
+from garment_jax.structs import Garment, RiggedBody
+
+Rig = Callable[[], RiggedBody]
+
+_STRETCH = 2.0  # an edge this many times longer or shorter than in the template is another edge
+_SHARE = 0.1  # of such edges that no cloth has
+_RATE = 0.01  # relative difference of frame rates that are one
+
+
+def mesh_sources(paths: Sequence[Path], options: Options) -> list[Source]:
+    """Return the clips of animated meshes at `paths`, each with the motion of the same name.
+
+    A body that is a mesh (OBJ) moves by the caches among the motions: a rig is fitted to the first of them
+    and follows the others. Raises `ValueError` without a garment or a body, or where a clip has no motion or
+    several.
+    """
+    wardrobe = Wardrobe(options)
+    motions = pair_motions(paths, list_motions(options))
+    rig = fitted_once(wardrobe, motions[0]) if wardrobe.body_path.suffix.lower() in MESHES else None
+
+    def source(path: Path, motion: Path) -> Source:
+        files = (path, motion, *wardrobe.files(), *([motions[0]] if rig else []))
+        return Source(
+            path.stem, path, tuple(dict.fromkeys(files)), lambda: _read(path, motion, wardrobe, rig)
+        )
+
+    return [source(path, motion) for path, motion in zip(paths, motions, strict=True)]
+
+
+def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
+    """Return the motion of each clip: the one of the same stem, or the only one of an only clip.
+
+    Raises `ValueError` for a clip that has none, or several.
+    """
+    if len(clips) == len(motions) == 1:
+        return list(motions)
+    by_stem: dict[str, list[Path]] = {}
+    for motion in motions:
+        by_stem.setdefault(motion.stem, []).append(motion)
+    for clip in clips:
+        found = by_stem.get(clip.stem, [])
+        if len(found) != 1:
+            have = ", ".join(sorted(by_stem))
+            raise ValueError(
+                f"{clip} has {len(found)} motions named {clip.stem!r} among {have}; name each motion as its "
+                "clip."
+            )
+    return [by_stem[clip.stem][0] for clip in clips]
+
+
+def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) -> ForeignClip:
+    mesh = read_cache(path)
+    fps = frame_rate(mesh.fps, wardrobe.options, path)
+    moved = None if rig is None else moving_body(wardrobe, motion_path, rig(), fps)
+    dressed = wardrobe.dressed(body=None if moved is None else moved.fitted.body)
+    check_count(mesh.vertices.shape[1], dressed.scene.garment, path, wardrobe.garment_path)
+    place = settle_place(
+        wardrobe.options, "clip", np.asarray(mesh.vertices[0]), path, unit=mesh.unit, up=mesh.up
+    )
+    check_vertex_order(place(mesh.vertices[:1])[0], dressed.scene.garment, path, wardrobe.garment_path)
+    motion = wardrobe.motion(motion_path, fps=fps) if moved is None else moved.fitted.motion
+    check_lengths(len(mesh.vertices), len(motion.root), motion.fps, path, motion_path)
+    notes = (*dressed.notes, *place.notes, *(() if moved is None else moved.notes))
+    if fps is None:
+        notes += (f"{path} does not say its frame rate: taken for the motion's {motion.fps:g} fps",)
+    return ForeignClip(dressed.scene, motion, lambda size: placed_windows(mesh.vertices, place, size), notes)
+
+
+def fitted_once(wardrobe: Wardrobe, motion: Path) -> Rig:
+    """Return a function that gives the rig fitted to a body's first motion, and fits it when first asked."""
+    return cache(lambda: moving_body(wardrobe, motion, None, wardrobe.options.fps).fitted.body)
+
+
+def moving_body(wardrobe: Wardrobe, motion: Path, rig: RiggedBody | None, fps: float | None) -> VertexBody:
+    """Return the rig and the motion of a body known as vertices; `rig` is one fitted before."""
+    o = wardrobe.options
+    unit = o.unit.get("motion", o.unit.get("body"))
+    return read_vertex_body(
+        wardrobe.body_path,
+        motion,
+        unit=unit,
+        up=o.up.get("motion", o.up.get("body")),
+        fps=fps,
+        rig=rig,
+    )
+
+
+def placed_windows(vertices, place: Place, size: int) -> Iterator[np.ndarray]:
+    """Yield windows `[k, n, 3]` of `vertices`, metres, Y up, `size` frames at a time."""
+    for start in range(0, len(vertices), size):
+        yield place(np.asarray(vertices[start : start + size]))
+
+
+def check_count(count: int, garment: Garment, path: Path, garment_path: Path) -> None:
+    """Raise `ValueError` unless a clip has as many vertices as the garment."""
+    if count != len(garment.template):
+        raise ValueError(
+            f"{path} has {count} vertices and {garment_path} {len(garment.template)}; export the clip of "
+            "that garment, with its vertex order."
+        )
+
+
+def check_vertex_order(V: np.ndarray, garment: Garment, path: Path, garment_path: Path) -> None:
+    """Raise `ValueError` where the frame `V` `[n, 3]` has the garment's vertices in another order, or unit.
+
+    Cloth hardly stretches: in the right order nearly every edge is about as long as in the template.
+    """
+    edges = unique_edges(garment.faces)
+    length, rest = (np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) for x in (V, garment.template))
+    good = (rest > 0) & np.isfinite(length)
+    ratio = length[good] / rest[good]
+    if not len(ratio):
+        return
+    middle = float(np.median(ratio))
+    other = float(((ratio > _STRETCH * middle) | (ratio < middle / _STRETCH)).mean())
+    if other > _SHARE:
+        raise ValueError(
+            f"{path}: in frame 0 {other:.0%} of the edges are over {_STRETCH:g} times longer or shorter than "
+            f"in {garment_path}; export both with the same vertex order (keep it on import, too)."
+        )
+    if not 1 / _STRETCH < middle < _STRETCH:
+        raise ValueError(
+            f"{path}: in frame 0 the edges are {middle:.3g} times as long as in {garment_path}; give the "
+            "unit of each (--clip-unit cm), or export both with the same vertex order."
+        )
+
+
+def check_lengths(frames: int, moves: int, fps: float, path: Path, motion_path: Path) -> None:
+    """Raise `ValueError` unless a clip and its motion have as many frames."""
+    if frames != moves:
+        raise ValueError(
+            f"{path} has {frames} frames and {motion_path} {moves} at {fps:g} fps; export both from the same "
+            "first frame to the same last, or give the clip's true rate with --fps."
+        )
+
+
+def frame_rate(stated: float | None, options: Options, path: Path) -> float | None:
+    """Return a clip's rate: the user's, the one that its file states, or None for its motion's own.
+
+    Raises `ValueError` where the two contradict each other.
+    """
+    if options.fps and stated and abs(stated / options.fps - 1) > _RATE:
+        raise ValueError(
+            f"{path} says {stated:g} fps and --fps {options.fps:g}; cloth is not resampled: leave --fps "
+            "out, or correct it."
+        )
+    return options.fps or stated

@@ -1,0 +1,178 @@
+"""The user's garment and body for imported clips: read once, converted, dressed."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from garment_jax.body.retarget import read_joint_table
+from garment_jax.intake.bodies import LoadedBody, place_template, read_any_body
+from garment_jax.intake.garment_mesh import load_garment
+from garment_jax.intake.kinds import CACHES, in_order
+from garment_jax.intake.motions import SUFFIXES, read_motion
+from garment_jax.intake.scenes import DressedScene, dress
+from garment_jax.intake.sources import Options
+from garment_jax.intake.units import settle_unit, to_metres_y_up
+from garment_jax.structs import Garment, Motion, RiggedBody
+
+_FAR = 0.5  # metres from the body in the median: the template is not on it
+MESHES = (".obj", ".ply")  # a body that is vertices alone
+
+
+class Place(NamedTuple):
+    """Where a file's points are in the package's world."""
+
+    metres: float
+    up: str
+    notes: tuple[str, ...]
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Return `points` `[..., 3]` in metres, Y up, float32."""
+        return to_metres_y_up(np.asarray(points, np.float32), self.metres, self.up)
+
+
+def settle_place(
+    options: Options,
+    part: str,
+    points: np.ndarray,
+    path: Path,
+    *,
+    unit: float | None = None,
+    up: str | None = None,
+) -> Place:
+    """Return how `points` `[n, 3]` of a file are converted: as the user says, else the file.
+
+    Where neither says it: metres, for what is then as large as a garment, and Y up; the notes say so.
+    Raises `ValueError` for points that are not finite, and for another size whose unit nobody says.
+    """
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise ValueError(
+            f"{path}: vertex {int(bad.argmax())} of its first frame is not finite; export it again."
+        )
+    extent = float(np.ptp(points, axis=0).max())
+    settled = settle_unit(unit, options.unit.get(part), extent, str(path), f"--{part}-unit")
+    axis = options.up.get(part) or up
+    notes = (settled.note,) if settled.note else ()
+    if axis is None:
+        notes += (f"{path} does not say its up axis: taken for Y (--{part}-up Z says otherwise)",)
+    return Place(settled.metres, axis or "Y", notes)
+
+
+class Wardrobe:
+    """The garment and the body that the options name; each is read once, a SMPL body once for each shape."""
+
+    def __init__(self, options: Options, *, garment: Path | None = None) -> None:
+        """`garment` is the format's own template; raises `ValueError` where garment or body is not named."""
+        self.options = options
+        for name, value in (("garment", garment or options.garment), ("body", options.body)):
+            if value is None:
+                raise ValueError(f"--{name} is not given; name the {name} that the clips show.")
+        self.garment_path, self.body_path = Path(options.garment or garment or ""), Path(options.body or "")
+        self._dressed: dict[bytes, tuple[DressedScene, np.ndarray]] = {}
+
+    def files(self) -> tuple[Path, ...]:
+        """Return the files that every clip depends on."""
+        o = self.options
+        pins = Path(o.pins) if o.pins and o.pins.endswith(".npz") else None
+        return tuple(path for path in (self.garment_path, self.body_path, o.collider, o.joints, pins) if path)
+
+    def dressed(self, betas: np.ndarray | None = None, body: RiggedBody | None = None) -> DressedScene:
+        """Return the scene of a SMPL body in the shape `betas` `[k]`, or of a `body` that is there."""
+        return self._dress(betas, body)[0]
+
+    def motion(
+        self, path: Path, betas: np.ndarray | None = None, *, fps: float | None = None, centre: bool = False
+    ) -> Motion:
+        """Return a motion of the body, at `fps` (None: its own); a clip's is where its file says."""
+        dressed, origin = self._dress(betas)
+        o = self.options
+        return read_motion(
+            path,
+            dressed.scene.body,
+            fps=fps,
+            source_fps=o.source_fps,
+            joints=None if o.joints is None else read_joint_table(o.joints),
+            skip=o.skip,
+            floor=o.floor,
+            centre=centre,
+            unit=o.unit.get("motion"),
+            up=o.up.get("motion"),
+            origin=origin,
+        )
+
+    def _dress(
+        self, betas: np.ndarray | None, body: RiggedBody | None = None
+    ) -> tuple[DressedScene, np.ndarray]:
+        key = b"" if betas is None else np.asarray(betas, np.float64).tobytes()
+        if key not in self._dressed:
+            loaded = self._body(betas) if body is None else LoadedBody(body, np.zeros(3), ())
+            garment, notes = self._garment(loaded)
+            dressed = dress(
+                garment,
+                loaded.body,
+                garment_path=self.garment_path,
+                body_path=self.body_path,
+                collider=self.options.collider,
+                pins=self.options.pins,
+            )
+            notes = (*loaded.notes, *notes, *dressed.notes)
+            self._dressed = {key: (dressed._replace(notes=notes), loaded.origin)}
+        return self._dressed[key]
+
+    def _body(self, betas: np.ndarray | None) -> LoadedBody:
+        unit, up = self.options.unit.get("body"), self.options.up.get("body")
+        return read_any_body(self.body_path, betas=betas, unit=unit, up=up)
+
+    def _garment(self, loaded: LoadedBody) -> tuple[Garment, tuple[str, ...]]:
+        """Return the garment on the canonical body, metres, and what was settled."""
+        path, o = self.garment_path, self.options
+        garment, findings = load_garment(
+            path, unwrap=o.unwrap, fit_uv=o.fit_uv, drop_duplicates=o.drop_duplicates
+        )
+        place = settle_place(o, "garment", garment.template, path)
+        stands = place(garment.template)
+        template = place_template(stands, loaded)
+        _check_on_body(template, loaded.body, path)
+        lift = float(np.abs(template - stands).max())
+        notes = [f"{path}: {f.check}: {f.value}" for f in findings if f.severity in ("note", "warning")]
+        notes += [note for note in place.notes if "up axis" not in note or "garment" in o.up]
+        notes += [f"{path} was moved up by {lift:.3f} m, as its body was"] if lift else []
+        return garment._replace(template=template), tuple(notes)
+
+
+def list_motions(options: Options) -> list[Path]:
+    """Return the motions that the options name, or those in the folders named; else the body's own.
+
+    Raises `ValueError` where there are none, `FileNotFoundError` for one that is not there.
+    """
+    body = options.body
+    if not options.motions:
+        if body is not None and body.suffix.lower() in (".glb", ".gltf"):
+            return [body]
+        raise ValueError("--motion is not given; name the motions of the clips, by the clips' names.")
+    readable = CACHES if body is not None and body.suffix.lower() in MESHES else SUFFIXES
+    found: list[Path] = []
+    for path in options.motions:
+        if not path.exists():
+            raise FileNotFoundError(f"{path} is not there; name motions, or folders of them, with --motion.")
+        inside = path.is_dir() and not any(file.suffix.lower() in MESHES for file in path.iterdir())
+        found += (
+            [p for p in in_order(list(path.iterdir())) if p.suffix.lower() in readable] if inside else [path]
+        )
+    if not found:
+        raise FileNotFoundError(
+            f"{', '.join(map(str, options.motions))} holds no motions ({' '.join(readable)})."
+        )
+    return found
+
+
+def _check_on_body(template: np.ndarray, body: RiggedBody, path: Path) -> None:
+    """Raise `ValueError` for a template `[n, 3]` that is nowhere near the body in its canonical pose."""
+    apart = float(np.median(KDTree(body.vertices).query(template)[0]))
+    if apart > _FAR:
+        raise ValueError(
+            f"{path}: the template is {apart:.2f} m from the body; put it on the body's rest pose, or give "
+            "--garment-unit and --garment-up."
+        )

@@ -1,0 +1,39 @@
+"""Clips of the VirtualBones data: a garment on SMPL-H, one archive a clip, the template beside them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from garment_jax.formats.virtual_bones import read_virtual_bones
+from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
+from garment_jax.intake.own_files import Wardrobe, settle_place
+from garment_jax.intake.sources import ForeignClip, Options, Source
+
+
+def virtual_bones_sources(paths: Sequence[Path], options: Options) -> list[Source]:
+    """Return the clips at `paths`, named by their folders too: each dress counts from 1.
+
+    The template is `--garment`, or `template.obj` beside the clips. Raises `ValueError` without a body: the
+    data has none, and a sequence file needs one.
+    """
+    if options.body is None:
+        raise ValueError(f"{paths[0]}: the data has no body, only its poses; name a SMPL-H body with --body.")
+    garment = options.garment or paths[0].parent / "template.obj"
+    wardrobe = Wardrobe(options._replace(garment=garment, source_fps=options.source_fps or options.fps))
+
+    def source(path: Path) -> Source:
+        name = f"{path.resolve().parent.name}_{path.stem}"
+        return Source(name, path, (path, *wardrobe.files()), lambda: _read(path, wardrobe))
+
+    return [source(path) for path in paths]
+
+
+def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
+    clip = read_virtual_bones(path)
+    dressed = wardrobe.dressed()
+    garment = dressed.scene.garment
+    check_count(clip.vertices.shape[1], garment, path, wardrobe.garment_path)
+    place = settle_place(wardrobe.options, "clip", clip.vertices[0], path, up=clip.motion.up)
+    check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
+    motion = wardrobe.motion(path)
+    notes = (*dressed.notes, *place.notes)
+    return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)
