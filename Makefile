@@ -25,7 +25,7 @@ demo: setup
 	@$(MAKE) --no-print-directory judge MODEL=runs/demo RUN=runs/demo IMPORTED=$(DEMO)
 
 test: lint
-	@$(BIN)/python -m pytest -n $(WORKERS) $(TESTS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS)
 
 setup: $(VENV)/ready
 

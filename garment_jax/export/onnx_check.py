@@ -4,6 +4,7 @@ import time
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.export.step_subject import StepSubject, first_state, step_function
@@ -103,4 +104,5 @@ def _attach_departure(subject: StepSubject, graph: bytes) -> float:
     pins, V = scene.pins.vertices, subject.template.T
     moved = V[pins] + 0.05 * np.sin(np.arange(3 * len(pins), dtype=np.float32)).reshape(-1, 3)
     made = open_graph(graph).run(["V_attached"], {"V": V, "pins": moved})[0]
-    return float(np.abs(made - np.asarray(make_attachment(scene.garment, pins)(V, moved))).max())
+    expected = make_attachment(scene.garment, pins)(jnp.asarray(V), jnp.asarray(moved))
+    return float(np.abs(made - np.asarray(expected)).max())

@@ -32,7 +32,7 @@ def find_blender(given: str | Path | None = None) -> Path:
         raise FileNotFoundError(f"{source}{named} is no program; {_REMEDY}.")
     if importlib.util.find_spec("bpy"):
         return Path(sys.executable)
-    raise FileNotFoundError(f"Alembic is written and read by Blender, which is not here; {_REMEDY}.")
+    raise FileNotFoundError(f"this needs Blender, which is not here; {_REMEDY}.")
 
 
 def run_blender(script: str | Path, arguments: list[str], *, blender: str | Path | None = None) -> str:
