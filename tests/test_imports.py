@@ -18,6 +18,7 @@ ROOMS = (
     "formats",
     "data",
     "intake",
+    "validator",
     "generative",
     "motion",
     "detail",

@@ -12,8 +12,10 @@ import pytest
 
 from garment_jax.cli import main
 from garment_jax.data.sequence import open_sequence
-from garment_jax.intake.validate import list_files, validate_file, validate_files
-from tests.intake.broken_clips import (
+from garment_jax.validator.validate import list_files, validate_file, validate_files
+from tests.reference.files import write_body, write_bvh, write_obj
+from tests.reference.scene import make_scene
+from tests.validator.broken_clips import (
     FRAMES,
     LENGTHS,
     broken,
@@ -27,8 +29,6 @@ from tests.intake.broken_clips import (
     scaled,
     set_attribute,
 )
-from tests.reference.files import write_body, write_bvh, write_obj
-from tests.reference.scene import make_scene
 
 SCENE = make_scene()
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.raw_clip import RawClip
 from garment_jax.structs import Scene
+from garment_jax.validator.raw_clip import RawClip
 
 LEAK = 0.05  # of a test clip's frames that training clips show too
 _SAME = 1e-4  # metres

@@ -3,8 +3,8 @@
 from collections import Counter
 
 from garment_jax.intake.finding import SEVERITIES, Finding
-from garment_jax.intake.fixes import Fixed
-from garment_jax.intake.validate import Report
+from garment_jax.validator.fixes import Fixed
+from garment_jax.validator.validate import Report
 
 
 def format_report(report: Report, *, everything: bool = False) -> str:

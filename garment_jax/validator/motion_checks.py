@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.bvh import BvhClip, read_bvh
-from garment_jax.intake.body_checks import likely_units
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.point_checks import check_points
-from garment_jax.intake.track_checks import check_track
+from garment_jax.validator.body_checks import likely_units
+from garment_jax.validator.point_checks import check_points
+from garment_jax.validator.track_checks import check_track
 
 # Headers of motion files lie about the rate, so half the joints above this is worth a note.
 HEADER_USUAL = (

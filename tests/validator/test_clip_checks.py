@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from garment_jax.intake.clip_checks import check_sequence
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.raw_clip import RawClip
-from garment_jax.intake.vertex_scan import WINDOW
-from tests.intake.broken_clips import (
+from garment_jax.validator.clip_checks import check_sequence
+from garment_jax.validator.raw_clip import RawClip
+from garment_jax.validator.vertex_scan import WINDOW
+from tests.validator.broken_clips import (
     FRAMES,
     LENGTHS,
     broken,
@@ -43,7 +43,7 @@ def test_a_good_clip_has_no_finding(tmp_path: Path, encoding: str):
 
 def test_a_motion_alone_is_checked_without_its_cloth(tmp_path: Path):
     from garment_jax.data.sequence_writer import SequenceWriter
-    from tests.intake.broken_clips import calm_motion, calm_scene
+    from tests.validator.broken_clips import calm_motion, calm_scene
 
     with SequenceWriter(tmp_path / "m.h5", calm_scene(), calm_motion(), encoding="none"):
         pass
@@ -198,7 +198,7 @@ def test_windows_do_not_change_what_is_found(tmp_path: Path, monkeypatch: pytest
     assert WINDOW < FRAMES
     path = broken(tmp_path / "clip.h5", edit("vertices", moved(WINDOW, HEM, 0.8)))
     by_windows = check_sequence(path)
-    monkeypatch.setattr("garment_jax.intake.vertex_scan.WINDOW", 1_000)
+    monkeypatch.setattr("garment_jax.validator.vertex_scan.WINDOW", 1_000)
     assert check_sequence(path) == by_windows
     assert any(f.where.startswith(f"frame {WINDOW - 1} to {WINDOW}") for f in by_windows)
 
@@ -208,7 +208,7 @@ def test_a_repair_gives_the_clip_back(tmp_path: Path, case: str):
     with RawClip(good_clip(tmp_path / "good.h5")) as good:
         expected, scene, motion = good.read(0, FRAMES), good.scene, good.motion
     with RawClip(broken(tmp_path / "clip.h5", CASES[case][0])) as clip:
-        from garment_jax.intake.clip_checks import check_clip
+        from garment_jax.validator.clip_checks import check_clip
 
         check_clip(clip)
         np.testing.assert_allclose(clip.read(0, FRAMES), expected, atol=2e-6)

@@ -12,15 +12,15 @@ from garment_jax.formats.mesh_cache import SUFFIXES as CACHES
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.formats.pickles import load_pickle
-from garment_jax.intake.body_checks import LARGEST, SMALLEST, body_unit, body_up, check_body, extent
-from garment_jax.intake.clip_checks import check_clip
-from garment_jax.intake.clip_set import ClipFacts, check_set, clip_facts
 from garment_jax.intake.finding import Finding, Repair
 from garment_jax.intake.garment_mesh import prepare_garment
-from garment_jax.intake.motion_checks import check_arrays, check_bvh, is_motion
-from garment_jax.intake.point_checks import check_points, garment_unit
-from garment_jax.intake.raw_clip import RawClip
 from garment_jax.structs import RiggedBody
+from garment_jax.validator.body_checks import LARGEST, SMALLEST, body_unit, body_up, check_body, extent
+from garment_jax.validator.clip_checks import check_clip
+from garment_jax.validator.clip_set import ClipFacts, check_set, clip_facts
+from garment_jax.validator.motion_checks import check_arrays, check_bvh, is_motion
+from garment_jax.validator.point_checks import check_points, garment_unit
+from garment_jax.validator.raw_clip import RawClip
 
 KNOWN = (".h5", ".obj", ".bvh", ".npz", ".pkl", ".glb", ".gltf", *CACHES)
 _RAISED = (ValueError, OSError)

@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
 from garment_jax.geometry.winding_number import winding_number
 from garment_jax.intake.finding import Finding, rows
-from garment_jax.intake.raw_clip import RawClip
+from garment_jax.validator.raw_clip import RawClip
 
 FAR = 0.15  # metres: the nearest twentieth of a garment's vertices is nearer to the body
 INSIDE, MANY = 0.005, 0.1  # of the vertices

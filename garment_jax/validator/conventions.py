@@ -3,9 +3,9 @@
 import numpy as np
 
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.intake.body_checks import LARGEST, PERSON, SMALLEST, UNITS, body_unit, body_up, extent
 from garment_jax.intake.finding import Finding, Repair
-from garment_jax.intake.raw_clip import RawClip
+from garment_jax.validator.body_checks import LARGEST, PERSON, SMALLEST, UNITS, body_unit, body_up, extent
+from garment_jax.validator.raw_clip import RawClip
 
 _NAMES = {
     "metre": "m",

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.body.kinematics import joint_positions
-from garment_jax.intake.body_checks import check_body, check_weights
-from garment_jax.intake.cloth_checks import check_cloth
-from garment_jax.intake.conventions import settle_conventions
-from garment_jax.intake.dressed_checks import check_dressed
 from garment_jax.intake.finding import Finding
 from garment_jax.intake.mesh_checks import check_mesh
-from garment_jax.intake.raw_clip import RawClip
-from garment_jax.intake.track_checks import check_track
 from garment_jax.intake.uv_checks import check_uvs
+from garment_jax.validator.body_checks import check_body, check_weights
+from garment_jax.validator.cloth_checks import check_cloth
+from garment_jax.validator.conventions import settle_conventions
+from garment_jax.validator.dressed_checks import check_dressed
+from garment_jax.validator.raw_clip import RawClip
+from garment_jax.validator.track_checks import check_track
 
 _TURNED = 1e-2  # of R R^T from the identity; as `data.validation`
 

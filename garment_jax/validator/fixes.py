@@ -11,13 +11,13 @@ import numpy as np
 from garment_jax.body.bvh import read_bvh
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, SequenceWriter
 from garment_jax.formats.npz import npz_names, read_npz
-from garment_jax.intake.body_checks import body_unit, check_weights
-from garment_jax.intake.clip_checks import check_clip
 from garment_jax.intake.finding import Finding, Repair
-from garment_jax.intake.motion_checks import check_bvh
-from garment_jax.intake.raw_clip import RawClip
-from garment_jax.intake.validate import check_garment, lenient_body
 from garment_jax.structs import RiggedBody
+from garment_jax.validator.body_checks import body_unit, check_weights
+from garment_jax.validator.clip_checks import check_clip
+from garment_jax.validator.motion_checks import check_bvh
+from garment_jax.validator.raw_clip import RawClip
+from garment_jax.validator.validate import check_garment, lenient_body
 
 _BLOCKING = ("vertex count", "frame count", "NaN", "rotations", "static")  # a copy would be as useless
 _OWN = ("fps", "length_unit", "up_axis", "schema_version", "scene_hash")  # attributes that the writer sets

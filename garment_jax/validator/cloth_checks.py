@@ -4,9 +4,9 @@ import numpy as np
 
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.raw_clip import RawClip
-from garment_jax.intake.track_checks import jump_frames, longest_run
-from garment_jax.intake.vertex_scan import Scan, scan_clip
+from garment_jax.validator.raw_clip import RawClip
+from garment_jax.validator.track_checks import jump_frames, longest_run
+from garment_jax.validator.vertex_scan import Scan, scan_clip
 
 STRAIN = 0.25  # absolute relative change of edges, of 99 in 100: beyond it is no cloth
 TORN = 4.0  # times its length in the template: a vertex out of its place

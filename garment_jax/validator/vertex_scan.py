@@ -6,9 +6,9 @@ import numpy as np
 
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.intake.conventions import edge_ratio
 from garment_jax.intake.mesh_checks import folded_faces, mesh_edges
-from garment_jax.intake.raw_clip import RawClip
+from garment_jax.validator.conventions import edge_ratio
+from garment_jax.validator.raw_clip import RawClip
 
 WINDOW = 64  # frames in memory at once
 EVERY = 10  # frames between those whose edges and faces are measured

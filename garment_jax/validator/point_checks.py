@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.intake.body_checks import LARGEST, SMALLEST
-from garment_jax.intake.cloth_checks import FAST, SCRAMBLED, STATIC, STRAIN
-from garment_jax.intake.conventions import edge_ratio
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.track_checks import jump_frames, longest_run, trailing_frames
+from garment_jax.validator.body_checks import LARGEST, SMALLEST
+from garment_jax.validator.cloth_checks import FAST, SCRAMBLED, STATIC, STRAIN
+from garment_jax.validator.conventions import edge_ratio
+from garment_jax.validator.track_checks import jump_frames, longest_run, trailing_frames
 
 WINDOW = 64  # frames in memory at once
 _SIZES = {
