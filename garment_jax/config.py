@@ -116,6 +116,27 @@ class CollisionConfig:
 
 
 @dataclass(frozen=True)
+class BaselinesConfig:
+    """The systems that ours is compared with (`garment_jax.baselines`); nothing here changes ours."""
+
+    inputs: Literal["own", "ours"] = "own"  # motion that the networks see: their papers', or all of ours
+    lanes: int = 32  # clips trained side by side
+    components: int = 96  # principal components that the ridge regression predicts
+    ridge: float = 100.0  # its penalty, on motion and coefficients in deviations
+    santesteban_gru: int = 1_500  # width of the recurrent state
+    santesteban_steps: int = 600  # windows
+    santesteban_rate: float = 1e-3  # learning rate
+    bones: int = 80  # virtual bones
+    pan_gru: int = 500  # width of both recurrent states
+    pan_steps: int = 1_500  # windows of the low-frequency part
+    pan_rate: float = 1e-3
+    pan_residual_steps: int = 300  # of the high-frequency part
+    pan_residual_rate: float = 5e-4
+    decoder_steps: int = 450  # batches of the auto-encoder with one vertex decoder
+    decoder_rate: float = 3e-4
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     seed: int = 0
     optimiser: Literal["adamw", "adam_l2"] = "adamw"  # adam_l2: decay added to the gradient
@@ -142,6 +163,7 @@ class Config:
     motion: MotionConfig = field(default_factory=MotionConfig)
     detail: DetailConfig = field(default_factory=DetailConfig)
     collision: CollisionConfig = field(default_factory=CollisionConfig)
+    baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
 
@@ -149,10 +171,11 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"log_every", "chunk"}
+    | {"log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru"}
 )
-# These say how a run is watched or used, not what it learns: a resumed run may change them.
-_RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.")
+# These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
+# folder keeps its section among its facts.)
+_RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.", "baselines.")
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
@@ -226,8 +249,14 @@ def to_toml(config: Config) -> str:
 
 
 def content_hash(config: Config) -> str:
-    """The first 16 hex digits of the SHA-256 over all values, independent of key order."""
-    return hashlib.sha256(json.dumps(to_dict(config), sort_keys=True).encode()).hexdigest()[:16]
+    """The first 16 hex digits of the SHA-256 over all values, independent of key order.
+
+    Baselines count where they differ from the defaults: hashes from before that section still hold.
+    """
+    values = to_dict(config)
+    if config.baselines == BaselinesConfig():
+        del values["baselines"]
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:

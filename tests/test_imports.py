@@ -25,11 +25,13 @@ ROOMS = (
     "collision",
     "rollout",
     "training",
+    "baselines",
     "evaluation",
     "stability",
     "export",
     "viewer",
     "simulation",
+    "benchmark",
     "cli",
 )
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -1,0 +1,36 @@
+"""Which part of our motion features a baseline's network sees, in deviations from the training set's mean."""
+
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.body.motion_features import chosen_joints
+from garment_jax.config import Config
+from garment_jax.data.template import Template
+from garment_jax.motion.network import normalise_motion
+from garment_jax.structs import RiggedBody
+
+TILT, ROTATION, VELOCITY, YAW_RATE = 6, 6, 3, 1  # widths of M's parts, see body/motion_features.py
+Reads = Literal["pose", "pose and root", "pose and velocities"]
+
+
+def columns(body: RiggedBody, config: Config, reads: Reads) -> np.ndarray:
+    """Return the columns of M that a method reads, or all of them with `baselines.inputs = "ours"`.
+
+    pose                 the joints' rotations relative to their parents, nothing of the root
+    pose and root        with the root's tilt, velocity and yaw rate
+    pose and velocities  with the joints' velocities as well: all but their positions
+    """
+    k = len(chosen_joints(body, config.body.motion_joints))
+    rotations = TILT + ROTATION * k
+    root = rotations + VELOCITY + YAW_RATE
+    ends = {"pose": (TILT, rotations), "pose and root": (0, root), "pose and velocities": (0, root + 3 * k)}
+    if config.baselines.inputs == "ours":
+        return np.arange(root + 6 * k)
+    return np.arange(*ends[reads])
+
+
+def normalised(M: np.ndarray, template: Template, chosen: np.ndarray) -> np.ndarray:
+    """Return the `chosen` columns of features `M` `[t, d]` in deviations, held near the training range."""
+    return np.asarray(normalise_motion(jnp.asarray(M), template), np.float32)[:, chosen]

@@ -1,0 +1,94 @@
+"""A baseline's run: its folder, its data and the model that it ends with."""
+
+import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from garment_jax.config import Config, to_dict
+from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.prepared import prepare
+from garment_jax.data.start import make_skinned_template
+from garment_jax.data.template import make_template
+from garment_jax.rollout.model import Model, load_model, save_model
+from garment_jax.training.log import RunLog
+from garment_jax.training.run import Run
+from garment_jax.training.run_directory import prepare_run
+
+MODEL = "model"  # folder inside a run's; appears when the fit has ended
+
+
+def own_config(config: Config) -> Config:
+    """Return `config` with the sections of our own stages at their defaults, but for what lanes are.
+
+    A baseline's folder must not be refused because a width of ours has changed.
+    """
+    lanes = ("from_first", "grace", "lane_windows", "window")
+    motion = dataclasses.replace(Config().motion, **{key: getattr(config.motion, key) for key in lanes})
+    return dataclasses.replace(
+        Config(),
+        data=config.data,
+        body=config.body,
+        uv=config.uv,
+        motion=motion,
+        baselines=config.baselines,
+        training=config.training,
+        rollout=config.rollout,
+    )
+
+
+@contextmanager
+def open_baseline(name: str, config: Config, run_dir: str | Path, data_dir: str | Path) -> Iterator[Run]:
+    """Prepare the data (cached in the run's folder) and open or create the run of the baseline `name`.
+
+    Raises `ValueError` for a folder that belongs to another method, configuration, garment or data set.
+    """
+    folder, config = Path(run_dir), own_config(config)
+    data = prepare(data_dir, config, folder / "cache")
+    facts = {
+        "method": name,
+        "garment": garment_hash(data.scene.garment),
+        "data": data.content,
+        "baselines": to_dict(config)["baselines"],
+    }
+    prepare_run(folder, config, facts=facts)
+    scene = data.scene
+    template = make_template(
+        scene.garment,
+        scene.body,
+        data.statistics,
+        uv_size=config.uv.size,
+        laplacian=config.generative.laplacian,
+    )
+    skinned = make_skinned_template(template.T, data.seeds, config.body.tau)
+    with RunLog(folder) as log:
+        yield Run(config, folder, data, template, skinned, log)
+
+
+def finish_model(run: Run, params: dict[str, Any]) -> None:
+    """Write the fitted model into the run's folder; its presence says that the fit has ended."""
+    params = _as_float(params)
+    garment = run.data.scene.garment
+    model = Model(
+        run.config, params, run.template.statistics, garment_hash(garment), len(run.template.T), run.data.fps
+    )
+    save_model(model, run.folder / MODEL, bits=32)
+
+
+def _as_float(tree: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _as_float(value) if isinstance(value, dict) else np.asarray(value, np.float32)
+        for key, value in tree.items()
+    }
+
+
+def fitted_model(run_dir: str | Path) -> Model:
+    """Return the model of a folder whose fit has ended; `FileNotFoundError` for another."""
+    if not (Path(run_dir) / MODEL / "model.json").is_file():
+        raise FileNotFoundError(
+            f"{run_dir} holds no fitted baseline yet; fit it first, the same call goes on."
+        )
+    return load_model(Path(run_dir) / MODEL)

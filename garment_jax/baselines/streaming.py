@@ -1,0 +1,143 @@
+"""A causal method on one scene as a stream, as chunks in the world, and side by side over motions."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.baselines.method import Runner, Stream
+from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.root_frame import from_root
+from garment_jax.rollout.animate import FPS_TOLERANCE, Chunk
+from garment_jax.rollout.attachment import make_attachment
+from garment_jax.rollout.model import Model
+from garment_jax.structs import Motion, Scene
+
+
+class Beginning(NamedTuple):
+    """A motion as a method reads it."""
+
+    x: Any  # leaves [t, ...] float32
+    state: Any  # before the first frame; leaves without a motion axis
+    root: np.ndarray  # [t, 3] float64 metres
+    yaw: np.ndarray  # [t] radians
+
+
+# (params, state leaves [*b, ...], x leaves [t, *b, ...]) -> (state, V [t, *b, n, 3] metres, root frames)
+Rollout = Callable[[Any, Any, Any], tuple[Any, jax.Array]]
+
+
+class Live(NamedTuple):
+    """A method on one scene: the host's part and the pure part."""
+
+    begin: Callable[[Motion], Beginning]
+    rollout: Rollout
+
+
+def make_runner(model: Model, live_on: Callable[[Model, Scene, str], Live]) -> Runner:
+    """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment."""
+    chunk = model.config.rollout.chunk
+
+    def stream(scene: Scene, motion: Motion, name: str) -> Stream:
+        live, begun = _begin(model, live_on, scene, [motion], name)
+        run = jax.jit(live.rollout)
+
+        def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
+            state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
+            return state, V[0]
+
+        step, first = jax.jit(one), begun[0]
+        return Stream(
+            first.x,
+            first.state,
+            lambda state, x: step(model.params, state, x),
+            lambda state, x: run(model.params, state, x),
+            first.root,
+            first.yaw,
+        )
+
+    def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
+        made = stream(scene, motion, name)
+        finish = _finisher(scene, motion, made)
+        for start, V in _chunks(made.run, made.state, made.x, chunk):
+            yield finish(V, start)
+
+    def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
+        live, begun = _begin(model, live_on, scene, motions, name)
+        run = jax.jit(live.rollout)
+        x, state = side_by_side([b.x for b in begun]), stacked([b.state for b in begun], axis=0)
+        pieces = _chunks(lambda state, x: run(model.params, state, x), state, x, chunk)
+        V = np.concatenate([np.asarray(piece) for _, piece in pieces])
+        return [V[: len(b.root), i] for i, b in enumerate(begun)]
+
+    return Runner(model.params, count(model.params), animate, rollout_batch, stream)
+
+
+def count(params: Any) -> int:
+    """Return how many numbers `params` hold."""
+    return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(params))
+
+
+def stacked(trees: Sequence[Any], *, axis: int) -> Any:
+    """Return trees of one shape as one, with a new axis."""
+    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=axis), *trees)
+
+
+def side_by_side(inputs: Sequence[Any]) -> Any:
+    """Return motions' inputs (leaves `[t_i, ...]`) as `[t, b, ...]`; shorter ones repeat their last frame."""
+    longest = max(len(jax.tree.leaves(x)[0]) for x in inputs)
+    return stacked([_extended(x, longest) for x in inputs], axis=1)
+
+
+def _extended(x: Any, frames: int) -> Any:
+    return jax.tree.map(
+        lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], frames - len(leaf), axis=0)]), x
+    )
+
+
+def _begin(
+    model: Model,
+    live_on: Callable[[Model, Scene, str], Live],
+    scene: Scene,
+    motions: Sequence[Motion],
+    name: str,
+) -> tuple[Live, list[Beginning]]:
+    for motion in motions:
+        if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
+            raise ValueError(
+                f"{name} has {motion.fps:g} fps and the method was trained at {model.fps:g}; "
+                "resample the motion."
+            )
+    live = live_on(model, scene, name)
+    return live, [live.begin(motion) for motion in motions]
+
+
+def _chunks(
+    run: Callable[[Any, Any], tuple[Any, jax.Array]], state: Any, x: Any, chunk: int
+) -> Iterator[tuple[int, jax.Array]]:
+    """Yield (first frame, V of `chunk` frames); the last chunk is padded, so that all share one program."""
+    frames = len(jax.tree.leaves(x)[0])
+    for start in range(0, frames, chunk):
+        piece = _extended(jax.tree.map(lambda leaf: leaf[start : start + chunk], x), chunk)  # noqa: B023
+        state, V = run(state, piece)
+        yield start, V
+
+
+def _finisher(scene: Scene, motion: Motion, made: Stream) -> Callable[[jax.Array, int], Chunk]:
+    """Return a function (V of a padded chunk, its first frame) -> the chunk in the world, at its pins."""
+    carried = carried_points(scene, collider=False)
+    attach = make_attachment(scene.garment, carried.pins)
+
+    def finish(V: jax.Array, start: int) -> Chunk:
+        frames = slice(start, min(start + len(V), len(made.root)))
+        pins, _ = pose_carried(carried, scene, motion, frames)
+        real = len(pins)
+        V = attach(V, jnp.asarray(_extended(pins, len(V))))
+        placed = np.array(V[:real], np.float64)
+        placed[:, carried.pins] = pins
+        world = from_root(placed, made.root[frames], made.yaw[frames])
+        return Chunk(world.astype(np.float32), np.zeros(real, np.float32))
+
+    return finish

@@ -1,0 +1,71 @@
+"""The template carried by its seeds, against a rollout's start, through every door of the interface."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.baselines import METHODS, Runner
+from garment_jax.body.root_frame import from_root
+from garment_jax.body.seeds import make_seeds
+from garment_jax.config import Config, RolloutConfig
+from garment_jax.data.motion_input import motion_input
+from garment_jax.data.start import make_skinned_template
+from tests.baselines.small import MOTION, SMALL, animated, fitted, looped, shortened, whole, write_data
+from tests.reference.scene import make_motion
+from tests.rollout.tiny_model import SCENE
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_data(tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture(scope="module")
+def runner(folder: Path) -> Runner:
+    return fitted("skinned_template", folder)
+
+
+def expected() -> np.ndarray:
+    seeds = make_seeds(SCENE, SMALL.body.seeds)
+    x = motion_input(MOTION, SCENE, seeds, SMALL.body.motion_joints)
+    T = SCENE.garment.template - SCENE.body.joints[0]
+    return np.asarray(make_skinned_template(T, seeds, SMALL.body.tau)(x.R_seed, x.t_seed))
+
+
+def test_frames_chunks_and_motions_side_by_side_are_the_skinned_template(runner: Runner) -> None:
+    np.testing.assert_allclose(whole(runner), expected(), atol=1e-6)
+    np.testing.assert_allclose(looped(runner), expected(), atol=1e-6)
+    assert runner.rollout_batch is not None
+    both = runner.rollout_batch(SCENE, [shortened(MOTION, 4), MOTION], "two")
+    np.testing.assert_allclose(both[1], expected(), atol=1e-6)
+    np.testing.assert_allclose(both[0], expected()[:4], atol=1e-6)
+
+
+def test_the_world_has_the_pins_where_the_body_holds_them(runner: Runner) -> None:
+    made = runner.stream(SCENE, MOTION, "x") if runner.stream else None
+    assert made is not None
+    V, world = animated(runner), from_root(expected().astype(np.float64), made.root, made.yaw)
+    assert V.shape == world.shape
+    assert SCENE.pins is not None
+    off = np.abs(V - world).max(axis=(0, 2))
+    assert off[SCENE.pins.vertices].max() < 0.1
+    assert runner.parameters == 0
+
+
+def test_a_folder_without_a_fit_and_a_folder_of_another_method_are_refused(
+    folder: Path, runner: Runner, tmp_path: Path
+) -> None:
+    with pytest.raises(FileNotFoundError, match="holds no fitted baseline yet; fit it first"):
+        METHODS["skinned_template"].load(tmp_path)
+    other = SMALL.__class__(**{**SMALL.__dict__, "rollout": RolloutConfig(chunk=3)})
+    METHODS["skinned_template"].fit(other, folder / "skinned_template", folder)  # learns the same
+    wrong = SMALL.__class__(**{**SMALL.__dict__, "baselines": Config().baselines})
+    with pytest.raises(ValueError, match=r"belongs to another run \(baselines = .*use another --run-dir"):
+        METHODS["skinned_template"].fit(wrong, folder / "skinned_template", folder)
+
+
+def test_another_frame_rate_is_refused(runner: Runner) -> None:
+    assert runner.stream is not None
+    with pytest.raises(ValueError, match="x has 60 fps and the method was trained at 30; resample"):
+        runner.stream(SCENE, make_motion(SCENE, 5, fps=60.0), "x")
