@@ -1,0 +1,98 @@
+"""Up-convolutions as the networks have them, against XLA's own transposed convolution.
+
+    python benchmarks/up_convolution.py [--check] [--json FILE]
+
+The layers of D_dyn at UV 128 x 128 (one frame) and 64 x 64 (one frame, a training batch of 48). Times are
+medians, rates count four taps a texel of the output. `--check` exits with 1 where all layers of a decoder
+together take more than 0.8 of the transposed convolutions' time: a ratio within one run, not a time.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from machine_rates import median_seconds
+from measured import report
+
+from garment_jax.generative.convolution import up_convolution
+
+LIMIT = 0.8  # of the transposed convolutions' time, at most
+DECODERS = {"UV 128": (128, 1), "UV 64": (64, 1), "UV 64, batch of 48": (64, 48)}
+CHANNELS = (24, 48, 96, 128)
+REPEATS = 16  # products in a row in one program: one alone is shorter than a call
+
+
+def transposed(x: jax.Array, phases: jax.Array) -> jax.Array:
+    """Return the transposed convolution as XLA has it: zeros between the texels (another kernel order)."""
+    kernel = phases.reshape(4, 4, phases.shape[2], -1)
+    return jax.lax.conv_general_dilated(
+        x,
+        kernel,
+        (1, 1),
+        ((2, 2), (2, 2)),
+        lhs_dilation=(2, 2),
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+    )
+
+
+WAYS: dict[str, Callable] = {"networks": up_convolution, "transposed": transposed}
+
+
+def layers(size: int) -> list[tuple[int, int, int]]:
+    """Return side, inputs and outputs of a decoder's up-convolutions."""
+    widths = [*reversed(CHANNELS), 3]
+    return [(size >> (4 - i), widths[i], widths[i + 1]) for i in range(4)]
+
+
+def seconds(way: Callable, x: jax.Array, kernel: jax.Array) -> float:
+    """Return the median time of one up-convolution among `REPEATS` in a row."""
+
+    def run(x: jax.Array, kernel: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def again(x: jax.Array, _):
+            y = way(x, kernel)
+            return 0.999 * x + 1e-9 * y.ravel()[0], y
+
+        return jax.lax.scan(again, x, None, length=REPEATS)
+
+    return median_seconds(jax.jit(run), x, kernel, repeats=5) / REPEATS
+
+
+def slow_decoders(rows: list[dict]) -> list[str]:
+    """Return the decoders whose layers together take more than `LIMIT` of the transposed ones."""
+    slow = []
+    for name in {row["decoder"]: None for row in rows}:
+        own = [row for row in rows if row["decoder"] == name]
+        networks, transposed = (sum(row[f"{way} ms"] for row in own) for way in WAYS)
+        if networks > LIMIT * transposed:
+            slow.append(name)
+    return slow
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rng, rows = np.random.default_rng(0), []
+    for name, (size, batch) in DECODERS.items():
+        for side, inputs, outputs in layers(size):
+            x = jnp.asarray(rng.normal(size=(batch, side, side, inputs)), jnp.float32)
+            kernel = jnp.asarray(rng.normal(size=(2, 2, inputs, 4 * outputs)), jnp.float32)
+            flops = 2 * 4 * inputs * outputs * batch * (2 * side) ** 2
+            row: dict = {"decoder": name, "layer": f"{side}^2 x {inputs} -> {outputs}", "MFLOP": flops / 1e6}
+            for way, function in WAYS.items():
+                row[f"{way} ms"] = 1e3 * seconds(function, x, kernel)
+            row["ratio"] = row["networks ms"] / row["transposed ms"]
+            rows.append(row | {"GFLOP/s": flops / row["networks ms"] / 1e6})
+    report(rows, title="Up-convolution", facts={}, json_path=options.json)
+    if options.check and (slow := slow_decoders(rows)):
+        print(f"more than {LIMIT} of a transposed convolution: {', '.join(slow)}", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
