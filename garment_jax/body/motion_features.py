@@ -54,6 +54,11 @@ def feature_names(names: tuple[str, ...]) -> list[str]:
     return out + [f"{name} position {axis} m" for name in names for axis in "xyz"]
 
 
+def root_velocity_at(width: int) -> int:
+    """Return where the root's velocity (3, then its yaw rate) begins in an M of this width (layout above)."""
+    return 6 + 6 * ((width - 10) // 12)
+
+
 def motion_features(motion: Motion, body: RiggedBody, names: tuple[str, ...]) -> np.ndarray:
     """Return M for every frame, `[t, 10 + 12 k]` float32 for `k` joint `names` (layout above; `ALL` of them).
 

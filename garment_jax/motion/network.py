@@ -9,8 +9,10 @@ from typing import NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from garment_jax.body.motion_features import root_velocity_at
 from garment_jax.config import GenerativeConfig, MotionConfig
 from garment_jax.data.template import Template
 from garment_jax.generative.blocks import MapEncoder, along_channels, leaky
@@ -104,6 +106,37 @@ def carry_over(V_prev: Float[Array, "*b n 3"], x: FrameInput) -> Float[Array, "*
     return V_prev @ x.turn + x.shift[..., None, :]
 
 
+def code_of(params: dict, h: Float[Array, "*b k"]) -> Float[Array, "*b latent"]:
+    """Return the latent code Z of GRU states `h` where the last frame is not read (the ablation)."""
+    return _dense(params["fc"], h)
+
+
+def held_back(x: FrameInput, template: Template) -> FrameInput:
+    """Return the frame with no more of the body's way left to the cloth than was seen in training.
+
+    Not in the paper. The cloth hangs in the world while the body moves; a body that jumps 5 m leaves it 5 m
+    behind, which E_s has never seen. As for E_m (`normalise_motion`), a root faster than the training
+    range (`BEYOND` more, the larger of both signs) counts as just outside it; the rest of its way the cloth
+    goes along. Inside the range, all training clips, the frame comes back bitwise. The layout of M is that of
+    `body/motion_features`; a turn of exactly 180° has no sign and is left out whole.
+    """
+    s, d = template.statistics, x.M.shape[-1]
+    at = root_velocity_at(d)
+    spare = BEYOND * (s.motion_high - s.motion_low)
+    most = np.maximum(np.abs(s.motion_low), np.abs(s.motion_high)) + spare
+    speed = jnp.abs(x.M[..., at : at + 4])
+    limit = jnp.broadcast_to(jnp.asarray(most[at : at + 4]), speed.shape)
+    part = jnp.where(speed > limit, limit / jnp.where(speed > limit, speed, 1.0), 1.0)
+    c, sine = x.turn[..., 0, 0], x.turn[..., 0, 2]
+    kept = part[..., 3]
+    angle = 2.0 * kept * jnp.arctan(sine / jnp.maximum(1.0 + c, 1e-6))
+    c, sine = jnp.cos(angle), jnp.sin(angle)
+    o, i = jnp.zeros_like(c), jnp.ones_like(c)
+    turn = jnp.stack([c, o, sine, o, i, o, -sine, o, c], axis=-1).reshape(x.turn.shape)
+    turn = jnp.where((kept < 1.0)[..., None, None], turn, x.turn)
+    return FrameInput(x.M, turn, x.shift * part[..., :3])
+
+
 def motion_code(
     params: dict,
     h: Float[Array, "*b k"],
@@ -121,7 +154,7 @@ def motion_code(
     """
     h = gru_step(params, h, gates)
     if not config.previous_state:
-        return h, _dense(params["fc"], h)
+        return h, code_of(params, h)
     encoder = state_encoder(config, generative, template.atlas.coverage.shape[0])
     e = encoder.apply({"params": params["E_s"]}, position_map(V_prev, template))
     return h, _dense(params["fc"], jnp.concatenate([h, jnp.asarray(e)], axis=-1))

@@ -6,9 +6,8 @@ from jaxtyping import Array, Float
 
 from garment_jax.config import Config
 from garment_jax.data.template import Template
-from garment_jax.detail.network import enhance
 from garment_jax.generative.network import decode
-from garment_jax.motion.network import MotionCarry, carry_over, motion_code, motion_gates
+from garment_jax.motion.network import MotionCarry, carry_over, held_back, motion_code, motion_gates
 from garment_jax.structs import FrameInput
 
 
@@ -38,7 +37,7 @@ def motion_step(
     h, Z = motion_code(
         params["motion"],
         state.h,
-        carry_over(state.V_prev, x),
+        carry_over(state.V_prev, held_back(x, template)),
         gates,
         template=template,
         config=config.motion,
@@ -73,4 +72,6 @@ def finish(
     """Return V_f: the decoded garment with its detail offset, if wanted and trained."""
     if not detail or "detail" not in params:
         return V
+    from garment_jax.detail.network import enhance  # a part that is off is not even imported
+
     return enhance(params["detail"], V, Z, template=template, config=config.detail)

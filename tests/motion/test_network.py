@@ -6,12 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax.body.motion_features import feature_names, root_velocity_at
+from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.motion.network import (
     BEYOND,
     MotionCarry,
     carry_over,
     gates_of,
     gru_step,
+    held_back,
     motion_gates,
     normalise_motion,
 )
@@ -51,6 +54,37 @@ def test_carry_over_is_a_row_vector_times_turn_plus_shift():
         for i in range(5):
             expected = [sum(V[lane, i, a] * turn[lane, a, b] for a in range(3)) for b in range(3)]
             np.testing.assert_allclose(out[lane, i], expected + shift[lane], atol=1e-5)
+
+
+def test_a_frame_inside_the_training_range_is_held_back_by_nothing_bitwise():
+    model = small_model()
+    x = FrameInput(*map(jnp.asarray, model.input.x))
+    held = held_back(x, model.template)
+    for a, b in zip(held, x, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_body_that_jumps_or_spins_leaves_the_cloth_no_farther_behind_than_in_training():
+    model, fps, at = small_model(), 30.0, root_velocity_at(small_model().input.x.M.shape[1])
+    names = feature_names(("LeftUpLeg", "RightUpLeg"))
+    assert (names[at], names[at + 3]) == ("root velocity x m/s", "root yaw rate rad/s")
+    s = model.template.statistics
+    spare = BEYOND * (s.motion_high - s.motion_low)
+    most = (np.maximum(-s.motion_low, s.motion_high) + spare)[at : at + 4]
+    yaw, walk = np.array([0.0, 2.0, -1.5]), np.array([5.0, -0.001, 2.0])  # rad, m in the last of the frames
+    M = np.tile(s.motion_mean, (3, 1))
+    M[:, at : at + 3] = fps * walk
+    M[:, at + 3] = fps * yaw
+    x = FrameInput(*(jnp.asarray(a, jnp.float32) for a in (M, yaw_matrix(yaw), np.tile(-walk, (3, 1)))))
+    held = held_back(x, model.template)
+    np.testing.assert_array_equal(held.M, x.M)
+    np.testing.assert_allclose(held.shift[1], -np.clip(walk, -most[:3] / fps, most[:3] / fps), rtol=1e-5)
+    np.testing.assert_array_equal(held.shift[1, 1], x.shift[1, 1])  # slow enough along this axis
+    turns = np.clip(yaw, -most[3] / fps, most[3] / fps)
+    assert np.abs(turns).max() < 1.0
+    np.testing.assert_allclose(held.turn, yaw_matrix(turns), atol=1e-6)
+    half = FrameInput(x.M.at[1, at + 3].set(fps * np.pi), x.turn.at[1].set(np.diag([-1.0, 1, -1])), x.shift)
+    assert np.isfinite(held_back(half, model.template).turn).all()
 
 
 def test_motion_is_normalised_by_the_training_set():
