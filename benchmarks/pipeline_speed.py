@@ -9,8 +9,9 @@ Collision handling runs on what `--model` predicts for the same motion, resample
 embedded mannequin with the template carried by it. Samples are chunks; the median counts.
 
 Limits: a stage can take no less than its FLOPs at the machine's rate of a 1024 x 1024 matrix product, and
-no less than its bytes at the rate at which as many bytes as the parameters have are read; both rates are
-measured in the same run. "limit" is the larger one, "reached" limit / time. On a machine with a GPU the same
+no less than its bytes at the rate at which so many bytes are read, from the cache if they fit; the whole step
+reads all parameters every frame, at that size's rate. Both rates are the best of the same run. "limit" is the
+larger one (of the whole step: their sum), "reached" limit / time. On a machine with a GPU the same
 command measures it; without one its rows are open.
 """
 
@@ -131,21 +132,20 @@ def _row(name: str, samples: np.ndarray) -> dict:
 
 def limit_rows(case: Case, whole_ms: float | None) -> tuple[list[dict], dict]:
     """Return each stage's time beside its limit, and the rates of the machine in this run."""
-    size = parameter_bytes(case.params)
-    flops, memory = matmul_rate(), read_rate(size)
-    work, rows, limits = frame_work(case.params, case.template, case.config), [], 0.0
+    flops, memory = matmul_rate(), read_rate(parameter_bytes(case.params))
+    work, rows = frame_work(case.params, case.template, case.config), []
     for name, (f, x, params) in stages(case).items():
-        ms = milliseconds(f, x, params)
-        rows.append(_limit_row(name, work[name], ms, flops, memory))
-        limits += rows[-1]["limit ms"]
+        own = read_rate(work[name].bytes)
+        rows.append(_limit_row(name, work[name], milliseconds(f, x, params), flops, own))
     rows.sort(key=lambda row: -row["ms"])
     if whole_ms is not None:
+        limit = 1e3 * sum(max(w.flops / flops, w.bytes / memory) for w in work.values())
         row = _limit_row("networks, detail (whole step)", total(work), whole_ms, flops, memory)
-        rows.append(row | {"limit ms": limits, "reached %": 100 * limits / whole_ms, "bound": "sum"})
+        rows.append(row | {"limit ms": limit, "reached %": 100 * limit / whole_ms, "bound": "sum"})
     facts = {
         "matrix product GFLOP/s": flops / 1e9,
         "reading GB/s": memory / 1e9,
-        "read MB": size / 1e6,
+        "read MB": parameter_bytes(case.params) / 1e6,
     }
     return rows, facts
 
