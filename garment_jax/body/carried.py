@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.body.kinematics import joint_positions, pose_points
+from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.structs import Motion, Scene
 
@@ -49,9 +49,23 @@ def pose_carried(
     # joints into the root frame rather than the points: there are a hundred times as many of these
     positions = to_root(joint_positions(rotations, root, scene.body), root.astype(np.float64), yaw)
     rotations = np.swapaxes(yaw_matrix(yaw), -1, -2)[:, None] @ rotations.astype(np.float64)
-    posed = pose_points(carried.points, carried.weights, rotations, positions, scene.body.joints)
-    posed = posed.astype(np.float32)
+    posed = _posed(carried, rotations, positions, scene.body.joints)
     collider = posed[:, carried.collider]
     if len(carried.cap):
         collider = np.concatenate([collider, posed[:, carried.cap].mean(axis=1, keepdims=True)], axis=1)
     return posed[:, : len(carried.pins)], collider
+
+
+def _posed(carried: Carried, rotations: np.ndarray, positions: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return the points `[k, p + q, 3]` float32 of `pose_points`, in one product for all frames.
+
+    Frame by frame the product has three columns, and takes thirty times as long.
+    """
+    used = np.flatnonzero(carried.weights.max(axis=0) > 0)
+    R, rest = rotations[:, used], joints[used].astype(np.float64)
+    offset = positions[:, used] - (R @ rest[:, :, None])[..., 0]
+    affine = np.concatenate([R, offset[..., None]], axis=3).transpose(0, 2, 1, 3).reshape(3 * len(R), -1)
+    ones = np.concatenate([carried.points, np.ones((len(carried.points), 1))], axis=1)
+    weighted = (carried.weights[:, used, None] * ones[:, None]).reshape(len(ones), -1)
+    planes = (affine @ weighted.T).astype(np.float32).reshape(len(R), 3, -1)
+    return np.ascontiguousarray(planes.transpose(0, 2, 1))
