@@ -2,7 +2,7 @@
 
 XLA's convolutions are good forwards and for the input's gradient on a CPU, but its weight gradient ran
 at 1 to 2 GFLOP/s for the up-convolution's 2 x 2 kernels, against 30 to 50 for the products used here
-(two cores; benchmarks/convolution.py). Leading axes are batch axes: under `vmap` every frame
+(two cores). Leading axes are batch axes: under `vmap` every frame
 would get a weight gradient of its own, summed afterwards.
 """
 
