@@ -14,6 +14,14 @@ CALM = calmest_pose(small_subject().motions, SCENE.body)
 PARTS = extreme_motions(small_subject(), CALM, CONFIG.body.motion_joints)
 
 
+PLACE = Part("part", 10, 60, 100, 190)
+
+
+def watched(t: int = 200) -> extreme.Watched:
+    """Return what a garment 60 cm long shows that never moves."""
+    return extreme.Watched(*(np.zeros(t) for _ in range(4)), np.full(t, -57.0), {})
+
+
 def part(name: str) -> Motion:
     return next(motion for known, motion in PARTS if name in known)
 
@@ -91,21 +99,32 @@ def test_the_whole_group_runs_and_a_wrong_frame_rate_is_refused():
 
 @pytest.mark.parametrize(
     ("field", "value", "red"),
-    [("strain", 31.0, "edge strain"), ("stretch", 31.0, "stretch"), ("apart", 1.5, "back to normal")],
+    [("apart", 11.0, "shape back"), ("hem", -59.0, "hem back"), ("bad", 1.0, "strain back")],
 )
 def test_what_is_measured_decides_the_verdicts(field: str, value: float, red: str):
-    t, place = 200, Part("part", 10, 60, 100, 190)
-    seen = extreme.Watched(np.zeros(t), np.zeros(t), np.zeros(t), np.zeros(t), {})
-    assert reds(extreme._part_cases(place, seen)) == []
+    seen = watched()
+    assert reds(extreme._part_cases(PLACE, seen, 60.0, -57.0)) == []
     getattr(seen, field)[10:190] = value
-    (line,) = reds(extreme._part_cases(place, seen))
+    (line,) = reds(extreme._part_cases(PLACE, seen, 60.0, -57.0))
     assert red in line
     seen.strain[20] = np.nan
-    assert extreme._part_cases(place, seen)[0].verdict == RED
+    assert extreme._part_cases(PLACE, seen, 60.0, -57.0)[0].verdict == RED
+
+
+@pytest.mark.parametrize(("field", "red"), [("strain", "edge strain, p99"), ("stretch", "stretch, p99")])
+def test_a_garment_that_stays_strained_is_not_back_to_normal(field: str, red: str):
+    seen = watched()
+    getattr(seen, field)[10:190] = 31.0
+    lines = reds(extreme._part_cases(PLACE, seen, 60.0, -57.0))
+    assert len(lines) == 2
+    assert red in lines[0]
+    assert "strain back to normal" in lines[1]
 
 
 def test_the_way_back_to_normal_is_counted_to_the_last_frame_that_is_not():
-    seen = extreme.Watched(np.zeros(200), np.zeros(200), np.zeros(200), np.zeros(200), {})
-    seen.apart[[110, 130]] = 2.0
-    case = extreme._part_cases(Part("part", 10, 60, 100, 190), seen)[-1]
-    assert (case.value, case.verdict) == (31.0, GREEN)
+    seen = watched()
+    seen.apart[[110, 130]] = 12.0
+    case = extreme._part_cases(PLACE, seen, 60.0, -57.0)[2]
+    assert (case.quantity, case.value, case.verdict) == ("shape back to normal after", 31.0, GREEN)
+    before = seen._replace(apart=np.full(200, np.nan))  # of the first part, while it is reached slowly
+    assert len(extreme._part_cases(PLACE, before, 60.0, -57.0)) == 2

@@ -1,0 +1,90 @@
+"""A garment kept from stretching and collapsing where the networks let it: edges held near their length.
+
+Not in the paper. Cloth does not stretch, and folds that a network blurs leave edges of half their length;
+nothing in the networks forbids either. The few worst edges of a frame are brought back by projection
+(position-based dynamics: Mueller et al. 2007, with Jacobi iterations averaged over a vertex' constraints). As
+attachment it comes after the networks and is not fed back; collision handling comes after it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from garment_jax.geometry.topology import neighbour_table
+from garment_jax.structs import Garment
+
+STRAIN = 0.30  # change of an edge's length, of its rest length, that counts as too much
+SHARE = 0.005  # of the edges that may change by more: half of what the 99th percentile leaves free
+TARGET = 0.25  # change that edges are brought back to
+ITERATIONS = 80  # at most; a dance needs none or a few, kicks up to 25
+NO_LENGTH = 1e-9  # metres: two vertices that met have a length all the same, and no way apart
+
+
+class StrainTables(NamedTuple):
+    """Every edge from both its ends (static)."""
+
+    index: np.ndarray  # [k, n] int32 neighbours of each vertex, padded with itself
+    rest: np.ndarray  # [k, n] float32 metres; 1 where there is no edge
+    mask: np.ndarray  # [k, n] float32, 1 for an edge with a length
+    share: np.ndarray  # [k, n] float32 part of the correction that this end takes: 0 at a pin, 1 beside one
+
+
+def make_strain_tables(garment: Garment, pins: np.ndarray) -> StrainTables:
+    """Return the tables of a garment whose vertices `pins` `[p]` stay; edges without a length are none."""
+    T = garment.template.astype(np.float64)
+    ring = neighbour_table(garment.faces, len(T))
+    rest = np.linalg.norm(T[ring.index] - T[:, None], axis=-1)
+    mask = np.where(rest > 0, ring.mask, 0.0)
+    free = np.ones(len(T))
+    free[pins] = 0.0
+    share = mask * free[:, None] / np.maximum(free[:, None] + free[ring.index], 1.0)
+    columns = (np.where(mask > 0, rest, 1.0), mask, share)
+    return StrainTables(
+        np.ascontiguousarray(ring.index.T), *(np.ascontiguousarray(x.T, np.float32) for x in columns)
+    )
+
+
+def make_strain_limit(garment: Garment, pins: np.ndarray) -> Callable[[jax.Array], jax.Array]:
+    """Return a jitted function (V `[t, n, 3]` metres) -> V, frame by frame; `pins` `[p]` do not move."""
+    tables = make_strain_tables(garment, pins)
+    compiled = jax.jit(lambda tables, V: jax.lax.map(lambda v: strain_limited(v, tables)[0], V))
+    return lambda V: compiled(tables, V)
+
+
+def strain_limited(V: Float[Array, "n 3"], tables: StrainTables) -> tuple[Float[Array, "n 3"], jax.Array]:
+    """Return `V` with at most `SHARE` of its edges changed by more than `STRAIN`, and the iterations taken.
+
+    A frame that is so already comes back bitwise, as does one with a NaN. Where pins pull the cloth apart the
+    iterations may end before; what is left is then spread out.
+    """
+
+    finite = jnp.isfinite(V).all()
+
+    def too_many(state):
+        _, (_, _, count), steps = state
+        return finite & (count > SHARE * tables.mask.sum()) & (steps < ITERATIONS)
+
+    def step(state):
+        x, (way, length, _), steps = state
+        within = jnp.clip(length, (1 - TARGET) * tables.rest, (1 + TARGET) * tables.rest)
+        over = (length - within) * tables.mask
+        weight = tables.share * over / length
+        among = jnp.maximum((tables.share * (over != 0)).sum(axis=0), 1.0)
+        x = x + (weight[None] * way).sum(axis=1) / among[None]
+        return x, _edges(x, tables), steps + 1
+
+    begun = (V.T, _edges(V.T, tables), jnp.int32(0))
+    x, _, steps = jax.lax.while_loop(too_many, step, begun)
+    return jnp.where(steps > 0, x.T, V), steps
+
+
+def _edges(x: jax.Array, tables: StrainTables) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return the ways to the neighbours `[3, k, n]`, their lengths `[k, n]` and how many changed too much."""
+    way = jnp.take(x, jnp.asarray(tables.index), axis=1, mode="clip") - x[:, None]
+    length = jnp.sqrt((way * way).sum(axis=0) + NO_LENGTH**2)
+    change = jnp.abs(length / tables.rest - 1.0) > STRAIN
+    return way, length, (change * tables.mask).sum()

@@ -1,0 +1,91 @@
+"""Edges kept near their length: nothing moves that need not, pins stay, what is torn comes back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.evaluation.cloth import rest_lengths
+from garment_jax.geometry.topology import unique_edges
+from garment_jax.rollout.strain_limit import (
+    SHARE,
+    STRAIN,
+    TARGET,
+    make_strain_limit,
+    make_strain_tables,
+    strain_limited,
+)
+from garment_jax.structs import Garment
+from tests.reference.scene import make_scene
+
+SCENE = make_scene()
+assert SCENE.pins is not None
+PINS, GARMENT = SCENE.pins.vertices, SCENE.garment
+T = GARMENT.template
+EDGES = unique_edges(GARMENT.faces)
+LIMIT = jax.jit(strain_limited)
+
+
+def change(V: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(V[EDGES[:, 1]] - V[EDGES[:, 0]], axis=1)
+    return length / rest_lengths(T, EDGES) - 1.0
+
+
+def one_step(V: np.ndarray) -> np.ndarray:
+    """One iteration, edge by edge."""
+    free = ~np.isin(np.arange(len(T)), PINS)
+    moved, among = np.zeros(V.shape), np.zeros(len(V))
+    for (a, b), rest in zip(EDGES, rest_lengths(T, EDGES), strict=True):
+        way = (V[b] - V[a]).astype(np.float64)
+        length = np.linalg.norm(way)
+        over = length - np.clip(length, (1 - TARGET) * rest, (1 + TARGET) * rest)
+        ends = float(free[a]) + float(free[b])
+        for v, sign in ((a, 1.0), (b, -1.0)):
+            if free[v] and over:
+                moved[v] += sign * over / length * way / ends
+                among[v] += 1.0 / ends
+    return V + moved / np.maximum(among, 1.0)[:, None]
+
+
+def test_a_garment_within_the_limit_and_a_broken_one_come_back_bitwise():
+    limit = make_strain_limit(GARMENT, PINS)
+    broken = T.copy()
+    broken[3] = np.nan
+    torn = broken.copy()
+    torn[10:30] *= 2
+    frames = np.stack([T, T * np.float32(1.2), broken, torn])
+    np.testing.assert_array_equal(limit(jnp.asarray(frames)), frames)
+
+
+def test_a_garment_pulled_out_or_crumpled_comes_back_and_the_pins_stay():
+    tables = make_strain_tables(GARMENT, PINS)
+    rng, low = np.random.default_rng(0), T[T[:, 1].argmin()]
+    bell = np.exp(-np.square(T - low).sum(axis=1, keepdims=True) / 0.12**2)
+    for V in (T + 0.4 * bell * [0, -1, 0], T + rng.normal(scale=0.02, size=T.shape)):
+        V = V.astype(np.float32)
+        out, steps = LIMIT(jnp.asarray(V), tables)
+        before, after = (np.abs(change(x)) > STRAIN for x in (V, np.asarray(out)))
+        assert before.mean() > 2 * SHARE
+        assert after.mean() <= SHARE or after.mean() < 0.1 * before.mean()
+        assert int(steps) > 0
+        np.testing.assert_array_equal(np.asarray(out)[PINS], V[PINS])
+
+
+def test_an_iteration_is_the_one_of_an_edge_by_edge_loop(monkeypatch):
+    monkeypatch.setattr("garment_jax.rollout.strain_limit.ITERATIONS", 1)
+    V = (T * [1.0, 1.5, 0.6]).astype(np.float32)
+    out, steps = jax.jit(lambda V, tables: strain_limited(V, tables))(
+        jnp.asarray(V), make_strain_tables(GARMENT, PINS)
+    )
+    assert int(steps) == 1
+    np.testing.assert_allclose(out, one_step(V), atol=1e-6)
+
+
+def test_edges_without_a_length_do_not_count_and_met_vertices_stay_finite():
+    flat = GARMENT._replace(template=np.concatenate([T[:1], T[:-1]]))  # vertices 0 and 1 are one place
+    out, _ = LIMIT(jnp.zeros_like(T), make_strain_tables(flat, PINS))
+    assert np.isfinite(out).all()
+    none = Garment(
+        T[:3], np.array([[0, 1, 2]], np.int32), np.zeros((3, 2), np.float32), GARMENT.faces[:1] * 0
+    )
+    stretched, _ = LIMIT(jnp.asarray(2 * T[:3]), make_strain_tables(none, np.zeros(0, np.int32)))
+    assert np.isfinite(stretched).all()
