@@ -9,34 +9,35 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Animate a garment over a clip's motion.")
     parser.add_argument("model", help="a run of train.py, or a saved model such as models/skirt")
     parser.add_argument("--motion", required=True, help="sequence file with the body's motion")
-    parser.add_argument("--out", required=True, help="sequence file to write")
+    parser.add_argument("--out", help="sequence file to write")
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
     parser.add_argument(
         "--preroll", type=int, default=0, help="frames from the canonical pose before the first"
     )
+    parser.add_argument(
+        "--plan", action="store_true", help="print what runs, what it costs here and what is left out"
+    )
+    parser.add_argument(
+        "--budget-ms", type=float, metavar="MS", help="take the most accurate measured variant that fits"
+    )
+    parser.add_argument(
+        "--lod", type=float, metavar="MM", help="what a pixel covers: leave out detail too fine to see"
+    )
     options = parser.parse_args()
+    if not options.out and not options.plan:
+        parser.error("--out is missing: name the sequence file to write, or ask for the --plan alone")
     try:
-        from garment_jax.rollout.animate import animate_file
-        from garment_jax.training.pipeline import trained_model
+        from garment_jax.cli.infer import infer
 
-        figures = animate_file(
-            trained_model(options.model),
-            options.motion,
-            options.out,
-            detail=not options.no_detail,
-            collision=not options.no_collision,
-            preroll=options.preroll,
-        )
+        for line in infer(**vars(options)):
+            print(line, flush=True)
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
-    rate = figures["frames"] / figures["seconds"]
-    took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
-    print(f"{options.out}: {took}")
     return 0
 
 

@@ -1,5 +1,7 @@
 """`train.py` and `infer.py`: they parse, call and print; refusals are one sentence and exit code 2."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ from garment_jax.cli import main as garment_jax
 from garment_jax.config import to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.model import save_model
+from garment_jax.rollout.variants import VARIANTS
 from garment_jax.training.run_directory import prepare_run
 from tests.reference.scene import make_motion, make_scene, write_clip
 from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
@@ -197,3 +200,88 @@ def test_help_is_quick_and_needs_no_jax(program: str):
     )
     assert result.returncode == 0, result.stderr
     assert "--motion" in result.stdout
+
+
+def started(model: str, clip: str, out: str, *words: str, cache: str = "off") -> set[str]:
+    """Run infer.py in a fresh interpreter; return the modules that it had imported at the end."""
+    code = (
+        "import sys, infer\n"
+        f"sys.argv = ['infer.py', {model!r}, '--motion', {clip!r}, '--out', {out!r}, *{list(words)!r}]\n"
+        "assert infer.main() == 0\n"
+        "print('MODULES', *sys.modules)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+        env={**os.environ, "GARMENT_JAX_CACHE": cache},
+    )
+    assert result.returncode == 0, result.stderr
+    assert "Warning" not in result.stderr
+    return set(result.stdout.split("MODULES")[1].split())
+
+
+def test_what_is_off_is_not_imported(tmp_path: Path, model, clip):
+    bare = started(model, clip, str(tmp_path / "a.h5"), "--no-collision", "--no-detail")
+    heavy = {"garment_jax.collision", "garment_jax.detail.network", "garment_jax.training.checkpoint"}
+    assert not bare & (heavy | {"optax", "orbax.checkpoint", "matplotlib", "trimesh", "warp"})
+    fine = started(model, clip, str(tmp_path / "b.h5"), "--no-collision", cache=str(tmp_path / "cache"))
+    assert "garment_jax.detail.network" in fine
+    assert len(list((tmp_path / "cache" / "programs").glob("rollout-*.program"))) == 1
+
+
+def test_a_cache_that_cannot_be_written_breaks_nothing(tmp_path: Path, model, clip):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "out.h5"
+    started(model, clip, str(out), "--no-collision", "--no-detail", cache=str(tmp_path / "file" / "below"))
+    assert out.exists()
+
+
+@pytest.fixture
+def quick_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times as if measured: no test depends on a clock."""
+
+    def measured(model, scene, motion, variant, *, store=None) -> float:
+        return 1.0 + 0.5 * variant.detail + 4.0 * variant.collision
+
+    monkeypatch.setattr("garment_jax.rollout.calibration.measured_ms", measured)
+    monkeypatch.setenv("GARMENT_JAX_CACHE", "off")
+
+
+def test_the_plan_alone_writes_nothing(model, clip, monkeypatch, capsys, quick_times):
+    words = [model, "--motion", clip, "--plan", "--no-detail"]
+    assert call(infer, words, monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert "detail off saves 0.50 not wanted" in " ".join(said.split())
+    assert "triangles can ever be reached" in said
+    assert "estimate: 5.0 ms a frame, 0.1 s for 18 frames; what is left out saves 0.5 ms a frame" in said
+
+
+def test_a_budget_chooses_a_measured_variant(tmp_path: Path, clip, monkeypatch, capsys, quick_times):
+    folder, out = save_model(tiny_model(), tmp_path / "model"), str(tmp_path / "out.h5")
+    words = [str(folder), "--motion", clip, "--out", out, "--budget-ms"]
+    assert "variants.json is missing" in refused(call(infer, [*words, "4"], monkeypatch), capsys.readouterr())
+    rows = [
+        {"name": name, "settings": VARIANTS[name]._asdict(), "error_cm": error, "ms": 99.0}
+        for name, error in (("whole", 1.0), ("no collision", 1.1), ("no collision, no detail", 1.2))
+    ]
+    (folder / "variants.json").write_text(json.dumps({"variants": rows, "detail_mm": 0.4}))
+    assert call(infer, [*words, "4"], monkeypatch) == 0
+    said = capsys.readouterr().out
+    assert "budget 4 ms: no collision, 1.5 ms a frame here, error 1.10 cm" in said
+    assert "whole model 1.00 cm, 5.5 ms" in said
+    with open_sequence(out) as made:
+        assert made.extra_names == ("outside_training_range",)
+    sentence = refused(call(infer, [*words, "0.5"], monkeypatch), capsys.readouterr())
+    assert "the fastest, 'no collision, no detail', takes 1.0 ms a frame" in sentence
+    assert call(infer, [*words[:-1], "--no-collision", "--lod", "2", "--plan"], monkeypatch) == 0
+    assert "too fine to see: it moves the cloth by 0.4 mm, a pixel covers 2 mm" in capsys.readouterr().out
+
+
+def test_an_output_or_a_plan_must_be_asked_for(model, clip, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as stop:
+        call(infer, [model, "--motion", clip], monkeypatch)
+    assert stop.value.code == 2
+    assert "--out is missing" in capsys.readouterr().err

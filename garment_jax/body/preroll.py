@@ -1,7 +1,6 @@
 """Frames before a motion's first, so that a garment hangs and follows before it is looked at."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.structs import Motion
@@ -33,6 +32,8 @@ def into_first_pose(motion: Motion, share: np.ndarray) -> Motion:
     The root stands still at the first frame's position and heading: only the pose moves. Joints turn
     along the shortest arc (slerp of world rotations).
     """
+    from scipy.spatial.transform import Rotation, Slerp  # half a second, which few motions need
+
     first = motion.rotations[0].astype(np.float64)
     canonical = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
     rotations = np.zeros((len(share), *first.shape))

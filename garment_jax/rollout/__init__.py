@@ -1,22 +1,27 @@
 """Animate a garment: one frame, a scan over frames, chunks streamed to disk, whole models on disk."""
 
-from garment_jax.rollout.animate import animate, animate_file
-from garment_jax.rollout.clips import rollout_batch, rollout_chunks, stack_motions
+from garment_jax.rollout.animate import animate, animate_file, make_animator
+from garment_jax.rollout.clips import rollout_batch, rollout_chunks, rollout_many, stack_motions
 from garment_jax.rollout.model import Model, load_model, save_model, skinned_template, template_for
+from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.scan import make_rollout, rollout
 from garment_jax.rollout.step import init_state, motion_step, step
 
 __all__ = [
     "Model",
+    "ScenePlan",
     "animate",
     "animate_file",
     "init_state",
     "load_model",
+    "make_animator",
+    "make_plan",
     "make_rollout",
     "motion_step",
     "rollout",
     "rollout_batch",
     "rollout_chunks",
+    "rollout_many",
     "save_model",
     "skinned_template",
     "stack_motions",

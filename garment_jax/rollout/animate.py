@@ -3,9 +3,10 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,25 +16,21 @@ from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
-from garment_jax.collision import CollisionOptions, make_collider_tables, make_collision_tables
-from garment_jax.collision.sequence import (
-    Carry,
-    FrameFigures,
-    first_carry,
-    join_figures,
-    make_resolver,
-    padded,
-    per_frame_columns,
-)
+from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.attachment import make_attachment
-from garment_jax.rollout.clips import rollout_chunks, stack_motions
-from garment_jax.rollout.model import Model, skinned_template, template_for
+from garment_jax.rollout.clips import repeated_last, rollout_chunks, stack_motions
+from garment_jax.rollout.model import Model, facts_of, template_for
+from garment_jax.rollout.plan import ScenePlan, make_plan
+from garment_jax.rollout.programs import ProgramStore, shapes_of
+from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
+from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import FrameInput, Motion, Scene
 
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
@@ -44,7 +41,10 @@ class Chunk(NamedTuple):
 
     V: np.ndarray  # [k, n, 3] float32 metres, world
     deepest: np.ndarray  # [k] metres inside the collider before collision handling; 0 without it
-    collision: FrameFigures | None = None  # of each frame; None without collision handling
+    collision: Any = None  # `collision.sequence.FrameFigures` of each frame; None without collision handling
+
+
+Animator = Callable[..., Iterator[Chunk]]
 
 
 def animate(
@@ -60,84 +60,127 @@ def animate(
     """Yield the garment of `motion`, chunk by chunk, world frame; memory does not grow with its length.
 
     Begins from the skinned template (with `preroll`, from the template itself, `preroll` frames before).
-    Pinned vertices are the body's, and the cloth beside them follows (`attachment`). Raises `ValueError`
-    for a garment or a frame rate that the model was not trained on, or a joint that the body lacks.
+    Pinned vertices are the body's, and the cloth beside them follows (`attachment`); edges that change too
+    much are brought back (`strain_limit`). Raises `ValueError` for a garment or a frame rate that the model
+    was not trained on, or a joint that the body lacks.
     """
+    run = make_animator(model, scene, detail=detail, collision=collision, name=name)
+    yield from run(motion, preroll=preroll, name=name)
+
+
+def make_animator(
+    model: Model,
+    scene: Scene,
+    *,
+    detail: bool = True,
+    collision: bool = True,
+    out_of_reach: bool = False,
+    store: ProgramStore | None = None,
+    name: str = "the clip",
+) -> Animator:
+    """Return a function (motion, preroll=0, name="the clip") that yields its chunks as `animate` does.
+
+    Its programs are compiled once, whatever the motions' lengths. `out_of_reach`: a distance bound says that
+    the cloth cannot touch the collider (`make_plan`); then collision handling is left out, not even
+    imported, until a frame leaves the bound. `store` keeps programs between runs. Raises `ValueError` as
+    `animate` does.
+    """
+    template, seeds = template_for(model, scene, name)
+    programs = store or ProgramStore(None)
+    facts = {"scene": scene_hash(scene), "model": repr(model.config), "statistics": _digits(model.statistics)}
+    finish = _make_finisher(model, scene, template, programs, facts, collision, out_of_reach)
+    chunk, joints = model.config.rollout.chunk, model.config.body.motion_joints
+    d = len(model.statistics.motion_mean)
+    state = init_state(model.params, jnp.zeros((model.vertices, 3)), config=model.config)
+    frames = FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in ((d,), (3, 3), (3,))))
+    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
+    rolled = make_rollout(template, model.config, detail=detail)
+    example = shapes_of((model.params, state, frames))
+    roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
+
+    def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
+        _check_rate(model, motion, name)
+        whole = with_preroll(motion, preroll)
+        inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
+        V_start = pose(inputs.R_seed[:1], inputs.t_seed[:1])[0]
+        x, _ = stack_motions([inputs.x], chunk)
+        single = FrameInput(*(leaf[:, 0] for leaf in x))
+        state = init_state(model.params, V_start, config=model.config)
+        finished = finish(whole, inputs)
+        for start, V in rollout_chunks(roll, model.params, state, single, chunk=chunk):
+            stop = min(start + chunk, len(whole.root))
+            skip = max(preroll - start, 0)
+            piece = finished(V, slice(start, stop))
+            if skip < stop - start:
+                yield jax.tree.map(itemgetter(slice(skip, None)), piece)
+
+    return run
+
+
+def _digits(statistics: Any) -> str:
+    return repr([np.asarray(x).tolist() for x in statistics])
+
+
+def _check_rate(model: Model, motion: Motion, name: str) -> None:
     if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
         raise ValueError(
             f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion."
         )
-    template, seeds = template_for(model, scene, name)
-    whole = with_preroll(motion, preroll)
-    inputs = motion_input(whole, scene, seeds, model.config.body.motion_joints, seed_frames=1)
-    V_start = skinned_template(model, template, seeds, inputs)
-    chunk = model.config.rollout.chunk
-    finish = _finisher(model, scene, whole, inputs, template, collision=collision)
-    x, _ = stack_motions([inputs.x], chunk)
-    single = FrameInput(*(leaf[:, 0] for leaf in x))
-    state = init_state(model.params, V_start, config=model.config)
-    run = make_rollout(template, model.config, detail=detail)
-    for start, V in rollout_chunks(run, model.params, state, single, chunk=chunk):
-        stop = min(start + chunk, len(whole.root))
-        finished = finish(V, slice(start, stop))
-        skip = max(preroll - start, 0)
-        if skip < stop - start:
-            yield jax.tree.map(itemgetter(slice(skip, None)), finished)
 
 
-def _finisher(
+def _make_finisher(
     model: Model,
     scene: Scene,
-    motion: Motion,
-    inputs: MotionInput,
     template: Template,
-    *,
+    programs: ProgramStore,
+    facts: dict,
     collision: bool,
-) -> Callable[[jax.Array, slice], Chunk]:
-    """Return a function (V of a padded chunk, its real frames) -> the chunk in the world."""
+    out_of_reach: bool,
+) -> Callable[[Motion, MotionInput], Callable[[jax.Array, slice], Chunk]]:
+    """Return a function (motion, its inputs) -> (V of a padded chunk, its real frames) -> the chunk."""
     collision = collision and scene.collider is not None
     carried = carried_points(scene, collider=collision)
-    resolve = _resolver(model, scene, template) if collision else None
+    bound = cloth_reach(scene.garment, carried.pins) if collision and out_of_reach else None
+
+    @lru_cache(maxsize=1)  # compiled when the first motion needs it, and shared by all of them
+    def resolver() -> Callable:
+        from garment_jax.rollout.resolve import make_chunk_resolver
+
+        return make_chunk_resolver(model.config, scene, template, programs=programs, facts=facts)
+
+    if collision and bound is None:
+        resolver()
     attach = make_attachment(scene.garment, carried.pins)
+    limit = make_strain_limit(scene.garment, carried.pins)
 
-    def finish(V: jax.Array, frames: slice) -> Chunk:
-        count = frames.stop - frames.start
-        pins, collider = pose_carried(carried, scene, motion, frames)
-        deepest, figures = np.zeros(count, np.float32), None
-        # the rollout has padded the last chunk already
-        V = attach(V, jnp.asarray(padded(pins, len(V))))
-        if resolve is not None:
-            V, figures = resolve(V, pins, collider)
-            figures = FrameFigures(*(np.asarray(x)[:count] for x in figures))
-            deepest = figures.deepest_before
-        placed = np.array(V[:count], np.float64)
-        placed[:, carried.pins] = pins
-        world = from_root(placed, inputs.root[frames], inputs.yaw[frames])
-        return Chunk(world.astype(np.float32), deepest, figures)
+    def begin(motion: Motion, inputs: MotionInput) -> Callable[[jax.Array, slice], Chunk]:
+        resolve = [resolver()()] if collision and bound is None else []
 
-    return finish
+        def finish(V: jax.Array, frames: slice) -> Chunk:
+            count = frames.stop - frames.start
+            pins, collider = pose_carried(carried, scene, motion, frames)
+            deepest, figures = np.zeros(count, np.float32), None
+            # the rollout has padded the last chunk already
+            V = limit(attach(V, jnp.asarray(repeated_last(pins, len(V)))))
+            if bound is not None and not resolve and _leaves(bound, V, pins):
+                resolve.append(resolver()())
+            if resolve:
+                V, figures = resolve[0](V, pins, collider)
+                figures = jax.tree.map(lambda x: np.asarray(x)[:count], figures)
+                deepest = figures.deepest_before
+            placed = np.array(np.asarray(V)[:count], np.float64)  # on the host: a device compiles each length
+            placed[:, carried.pins] = pins
+            world = from_root(placed, inputs.root[frames], inputs.yaw[frames])
+            return Chunk(world.astype(np.float32), deepest, figures)
+
+        return finish
+
+    return begin
 
 
-def _resolver(model: Model, scene: Scene, template: Template) -> Callable:
-    """Return a function that resolves a chunk's frames one after the other, remembering contacts."""
-    assert scene.collider is not None
-    surface = make_collider_tables(scene.collider, scene.body)
-    tables = make_collision_tables(template.T, template.laplacian, surface)
-    settings = model.config.collision
-    options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
-    pins = None if scene.pins is None else scene.pins.vertices
-    resolve = make_resolver(tables, pins=pins, options=options)
-    known: list[Carry] = []
-
-    def run(V: jax.Array, pin_positions: np.ndarray, collider: np.ndarray) -> tuple[jax.Array, FrameFigures]:
-        if not known:
-            known.append(first_carry(V[0], jnp.asarray(collider[0]), tables))
-        # the rollout has padded the last chunk already
-        carried = (jnp.asarray(padded(x, len(V))) for x in (pin_positions, collider))
-        known[0], V, figures = resolve(known[0], V, *carried)
-        return V, figures
-
-    return run
+def _leaves(bound: Reach, V: jax.Array, pins: np.ndarray) -> bool:
+    """Return whether a vertex has left the ball that the plan's distance bound rests on."""
+    return bool(beyond_reach(bound, np.asarray(V)[: len(pins)], pins).max() > 0)
 
 
 def animate_file(
@@ -148,13 +191,16 @@ def animate_file(
     detail: bool = True,
     collision: bool = True,
     preroll: int = 0,
+    plan: ScenePlan | None = None,
+    store: ProgramStore | None = None,
 ) -> dict[str, float]:
     """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
 
-    Raises `ValueError` where `out` is `clip`, which it would replace, and what `animate` refuses.
-    Progress goes to standard error. The file appears when it is whole. Per frame it also holds how far
-    the motion leaves the training range (`extra/outside_training_range`, in ranges; 0 inside), and what
-    collision handling did (`extra/collision_...`, see `docs/collision.md`).
+    `plan` says what to leave out (`make_plan`; made here if not given). Raises `ValueError` where `out` is
+    `clip`, which it would replace, and what `animate` refuses. Progress goes to standard error. The file
+    appears when it is whole. Per frame it also holds how far the motion leaves the training range
+    (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
+    (`extra/collision_...`, see `docs/collision.md`).
     """
     if Path(out).resolve() == Path(clip).resolve():
         raise ValueError(f"{out} holds the motion itself; write the animation to another file.")
@@ -162,11 +208,21 @@ def animate_file(
         check_input(sequence, joints=model.config.body.motion_joints)
         scene, motion, name = sequence.scene, sequence.motion, sequence.name
     outside, worst = training_range(model, scene, motion)
+    plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
-    figures: list[FrameFigures] = []
+    figures: list = []
     attributes = {"kind": "predicted", "name": name}
-    pieces = animate(model, scene, motion, detail=detail, collision=collision, preroll=preroll, name=name)
+    run = make_animator(
+        model,
+        scene,
+        detail=plan.detail,
+        collision=plan.collision or plan.out_of_reach,
+        out_of_reach=plan.out_of_reach,
+        store=store,
+        name=name,
+    )
+    pieces = run(motion, preroll=preroll, name=name)
     with SequenceWriter(out, scene, motion, attributes=attributes) as writer:
         for piece in pieces:
             writer.append(piece.V)
@@ -177,8 +233,10 @@ def animate_file(
             line = f"\r{name}: {frames}/{len(motion.root)} frames, {rate:.0f} frames/s, {left:.0f} s left "
             print(line, end="", file=sys.stderr, flush=True)
         writer.add_per_frame("outside_training_range", outside)
-        if figures:
-            for column, values in per_frame_columns(join_figures(figures)).items():
+        if figures and sum(len(f.outcome) for f in figures) == frames:
+            from garment_jax.rollout.resolve import collision_columns
+
+            for column, values in collision_columns(figures).items():
                 writer.add_per_frame(column, values)
     print(file=sys.stderr)
     if outside.max() > 0.1:

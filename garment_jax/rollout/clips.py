@@ -33,6 +33,11 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
     return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
 
 
+def repeated_last(frames: np.ndarray, length: int) -> np.ndarray:
+    """Return `frames` `[k, ...]` with the last one repeated up to `length`: one compiled program."""
+    return np.concatenate([frames, np.repeat(frames[-1:], length - len(frames), axis=0)])
+
+
 def rollout_chunks(
     run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
     params: dict,
@@ -66,3 +71,26 @@ def rollout_batch(
     x, _ = stack_motions(motions, chunk)
     V = np.concatenate([np.asarray(v) for _, v in rollout_chunks(run, params, state, x, chunk=chunk)])
     return [V[: len(motion.M), b] for b, motion in enumerate(motions)]
+
+
+def rollout_many(
+    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    params: dict,
+    state: MotionCarry,
+    motions: Sequence[FrameInput],
+    *,
+    chunk: int,
+    lanes: int,
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield `(index, garment [t_i, n, 3])` of any number of motions, `lanes` of them side by side.
+
+    One compiled program serves every number of motions: the last group is filled up with copies. Motions of
+    like length go together, so little is padded and the order is theirs, longest first. Memory: one group.
+    """
+    order = sorted(range(len(motions)), key=lambda i: -len(motions[i].M))
+    for first in range(0, len(order), lanes):
+        group = order[first : first + lanes]
+        filled = group + group[-1:] * (lanes - len(group))
+        begun = MotionCarry(*(jax.numpy.asarray(np.asarray(leaf)[filled]) for leaf in state))
+        made = rollout_batch(run, params, begun, [motions[i] for i in filled], chunk=chunk)
+        yield from zip(group, made, strict=False)

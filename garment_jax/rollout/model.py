@@ -1,9 +1,11 @@
 """A trained model on disk: `config.toml`, `model.json` and `parameters.npz` (16 or 32 bits)."""
 
+import contextlib
 import json
 import os
 import zipfile
 import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +31,20 @@ class Model(NamedTuple):
     garment_hash: str
     vertices: int
     fps: float
+
+
+class ModelFacts(NamedTuple):
+    """What a scene plan reads of a model: everything but its parameters."""
+
+    config: Config
+    parts: frozenset[str]  # trained: "generative", "motion" and perhaps "detail"
+    vertices: int
+    fps: float
+
+
+def facts_of(model: Model) -> ModelFacts:
+    """Return the facts of a model that is loaded."""
+    return ModelFacts(model.config, frozenset(model.params), model.vertices, model.fps)
 
 
 def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:
@@ -105,28 +121,49 @@ def _stored(name: str, x: Any, bits: int) -> np.ndarray:
     return stored
 
 
-def load_model(folder: str | Path) -> Model:
+def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
     """Read a model that `save_model` wrote, parameters as float32.
 
-    Raises `FileNotFoundError` or `ValueError` in one sentence for a folder that holds none or a part.
+    Parameters whose name begins with one of `leave_out` ("detail", "generative/E_gen") are not read. Raises
+    `FileNotFoundError` or `ValueError` in one sentence for a folder that holds none or a part.
     """
-    folder = Path(folder)
+    config, facts = _described(Path(folder))
+    skipped = tuple(f"{name}/" for name in leave_out)
+    with _damaged(folder), open(Path(folder) / "parameters.npz", "rb") as file, np.load(file) as stored:
+        arrays = {name: stored[name] for name in stored.files if not name.startswith(skipped)}
+        statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
+        described = facts["garment_hash"], facts["vertices"], facts["fps"]
+    # widened on the host: jax would compile a program for every shape
+    params = _unflatten({name: jnp.asarray(np.asarray(x, np.float32)) for name, x in arrays.items()})
+    return Model(config, params, statistics, *described)
+
+
+def model_facts(folder: str | Path) -> ModelFacts:
+    """Return what a saved model says about itself, its parameters unread; raises as `load_model`."""
+    config, facts = _described(Path(folder))
+    with _damaged(folder), zipfile.ZipFile(Path(folder) / "parameters.npz") as stored:
+        parts = {name.split("/")[0] for name in stored.namelist()} - {"statistics"}
+        return ModelFacts(config, frozenset(parts), facts["vertices"], facts["fps"])
+
+
+def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     for name in ("config.toml", "model.json", "parameters.npz"):
         if not (folder / name).is_file():
             raise FileNotFoundError(
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
             )
     config = load_config(folder / "config.toml")
+    with _damaged(folder):
+        return config, json.loads((folder / "model.json").read_text(encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def _damaged(folder: str | Path) -> Iterator[None]:
+    """Turn what reading a damaged file raises into one sentence."""
     try:
-        facts = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        with open(folder / "parameters.npz", "rb") as file, np.load(file) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
-        described = facts["garment_hash"], facts["vertices"], facts["fps"]
+        yield
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
-    params = _unflatten({name: jnp.asarray(x, jnp.float32) for name, x in arrays.items()})
-    return Model(config, params, statistics, *described)
 
 
 def from_metadata(metadata: dict[str, Any], params: dict) -> Model:

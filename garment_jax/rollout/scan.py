@@ -7,9 +7,12 @@ from jaxtyping import Array, Float
 
 from garment_jax.config import Config
 from garment_jax.data.template import Template
-from garment_jax.motion.network import MotionCarry, motion_gates
+from garment_jax.generative.network import decode
+from garment_jax.motion.network import MotionCarry, code_of, gru_step, motion_gates
 from garment_jax.rollout.step import finish, motion_step
 from garment_jax.structs import FrameInput
+
+BLOCK = 16  # frames decoded side by side where none needs the one before it
 
 
 def rollout(
@@ -40,6 +43,8 @@ def latent_rollout(
 ) -> tuple[MotionCarry, Float[Array, "t *b latent"], Float[Array, "t *b n 3"]]:
     """Return the state after the frames, their latent codes and their garments before detail."""
     gates = motion_gates(params["motion"], x.M, template=template)
+    if not config.motion.previous_state:
+        return _memoryless_rollout(params, state, gates, template=template, config=config)
 
     def frame(state: MotionCarry, inputs: tuple[FrameInput, jax.Array]):
         state, Z = motion_step(params, state, *inputs, template=template, config=config)
@@ -47,6 +52,36 @@ def latent_rollout(
 
     state, (Z, V) = jax.lax.scan(frame, state, (x, gates))
     return state, Z, V
+
+
+def _memoryless_rollout(
+    params: dict, state: MotionCarry, gates: jax.Array, *, template: Template, config: Config
+) -> tuple[MotionCarry, jax.Array, jax.Array]:
+    """Return `latent_rollout` of a model that does not read its last frame: only the GRU is sequential."""
+
+    def frame(h: jax.Array, gates: jax.Array):
+        h = gru_step(params["motion"], h, gates)
+        return h, h
+
+    h, states = jax.lax.scan(frame, state.h, gates)
+    Z = code_of(params["motion"], states)
+
+    def decoded(Z: jax.Array) -> jax.Array:
+        return decode(params["generative"], Z, template=template, config=config.generative).V
+
+    V = in_blocks(decoded, Z, BLOCK)
+    return MotionCarry(h, V[-1]), Z, V
+
+
+def in_blocks(f: Callable[[jax.Array], jax.Array], x: jax.Array, size: int) -> jax.Array:
+    """Return `f` of all rows of `x` `[t, ...]`, `size` rows at a time: as fast as at once, in less memory."""
+    t = len(x)
+    if t <= size:
+        return f(x)
+    rows = x[: t - t % size].reshape(t // size, size, *x.shape[1:])
+    y = jax.lax.map(f, rows)
+    y = y.reshape(-1, *y.shape[2:])
+    return jax.numpy.concatenate([y, f(x[t - t % size :])]) if t % size else y
 
 
 def make_rollout(

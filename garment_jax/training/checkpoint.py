@@ -21,7 +21,9 @@ import numpy as np
 import orbax.checkpoint as ocp
 from jax.tree_util import keystr, tree_flatten_with_path
 
-FOLDER = "checkpoints"
+from garment_jax.training.run_directory import CHECKPOINTS
+
+FOLDER = CHECKPOINTS
 _PARTIAL = ".partial"
 
 

@@ -7,11 +7,7 @@ import jax
 
 from garment_jax.config import Config
 from garment_jax.rollout.model import Model, from_metadata, load_model
-from garment_jax.training.checkpoint import FOLDER, Checkpointer
-from garment_jax.training.detail_stage import train_detail
-from garment_jax.training.generative_stage import train_generative
-from garment_jax.training.motion_stage import train_motion
-from garment_jax.training.run import STAGES, open_run
+from garment_jax.training.run_directory import CHECKPOINTS, STAGES
 
 
 def train(
@@ -26,6 +22,12 @@ def train(
 
     Raises `ValueError` for an unknown stage or one whose predecessor is not trained.
     """
+    # optimisers and checkpoints take a second to import, and a saved model needs neither
+    from garment_jax.training.detail_stage import train_detail
+    from garment_jax.training.generative_stage import train_generative
+    from garment_jax.training.motion_stage import train_motion
+    from garment_jax.training.run import open_run
+
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     last = STAGES.index("detail" if stage == "all" else stage)
@@ -44,15 +46,17 @@ def train(
 def _check_predecessors(config: Config, run_dir: Path, stages: tuple[str, ...]) -> None:
     for name in stages:
         wanted = getattr(config, name).steps
-        if not (run_dir / FOLDER / name / str(wanted)).is_dir():
+        if not (run_dir / CHECKPOINTS / name / str(wanted)).is_dir():
             raise ValueError(f"{run_dir} holds no finished {name} stage; train it first with --stage {name}.")
 
 
 def trained_model(path: str | Path) -> Model:
     """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder."""
     path = Path(path)
-    if not (path / FOLDER).is_dir():
+    if not (path / CHECKPOINTS).is_dir():
         return load_model(path)
+    from garment_jax.training.checkpoint import Checkpointer
+
     found: dict[str, Any] = {}
     metadata: dict[str, Any] = {}
     for stage in ("generative", "motion", "detail"):

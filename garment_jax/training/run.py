@@ -19,8 +19,6 @@ from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
 from garment_jax.training.run_directory import prepare_run
 
-STAGES = ("generative", "motion", "detail")
-
 
 class Run(NamedTuple):
     """An open run directory with everything that its stages read."""

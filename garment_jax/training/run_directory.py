@@ -9,6 +9,8 @@ from typing import Any
 
 from garment_jax.config import Config, differences, from_dict, to_dict, to_toml
 
+STAGES = ("generative", "motion", "detail")
+CHECKPOINTS = "checkpoints"  # folder inside a run
 CONFIG_NAME = "config.toml"
 FACTS_NAME = "facts.json"
 _SHOWN = 3

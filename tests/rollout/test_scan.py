@@ -1,5 +1,6 @@
 """A scan is the loop of `step`, chunks are the whole, a batch is one by one, and nothing looks ahead."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -10,7 +11,7 @@ import pytest
 from garment_jax.data.motion_input import MotionInput
 from garment_jax.motion.network import MotionCarry
 from garment_jax.rollout.clips import rollout_batch, rollout_chunks, stack_motions
-from garment_jax.rollout.scan import make_rollout, rollout
+from garment_jax.rollout.scan import BLOCK, in_blocks, make_rollout, rollout
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput
 from tests.reference.scene import make_motion
@@ -142,3 +143,36 @@ def test_the_first_state_is_what_the_user_gives():
     assert state.h.shape == (3, CONFIG.motion.gru)
     assert not np.asarray(state.h).any()
     assert state.V_prev is V
+
+
+@pytest.mark.parametrize("frames", [1, BLOCK, 2 * BLOCK + 5])
+def test_without_the_previous_state_frames_decoded_at_once_are_those_of_the_loop(motion, frames: int):
+    params, config = tiny_model().params, replace(CONFIG, motion=replace(CONFIG.motion, previous_state=False))
+    fc = {
+        "kernel": params["motion"]["fc"]["kernel"][: CONFIG.motion.gru],
+        "bias": params["motion"]["fc"]["bias"],
+    }
+    params = {**params, "motion": {**params["motion"], "fc": fc}}
+    state = begun = alone(first_state(motion))
+    one = jax.jit(partial(step, template=template(), config=config))
+    loop = []
+    for t in range(frames):
+        state, V = one(params, state, frame_of(motion.x, t))
+        loop.append(V)
+    after, V = make_rollout(template(), config)(params, begun, frame_of(motion.x, slice(0, frames)))
+    np.testing.assert_allclose(V, np.stack(loop), atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(after.h, state.h, atol=1e-5)
+    np.testing.assert_allclose(after.V_prev, state.V_prev, atol=CLOSE, rtol=0)
+
+
+@pytest.mark.parametrize("rows", [1, 4, 8, 11])
+def test_blocks_are_the_whole(rows: int):
+    x = np.random.default_rng(0).normal(size=(rows, 2, 3)).astype(np.float32)
+    sizes = []
+
+    def f(x: jax.Array) -> jax.Array:
+        sizes.append(len(x))
+        return jnp.sin(x).sum(axis=-1)
+
+    np.testing.assert_allclose(in_blocks(f, jnp.asarray(x), 4), np.sin(x).sum(axis=-1), rtol=1e-5)
+    assert max(sizes) <= 4

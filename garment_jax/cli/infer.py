@@ -1,0 +1,175 @@
+"""The work of `infer.py`: plan the scene, choose what fits the budget, read what is needed, animate."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from garment_jax.rollout.model import Model
+    from garment_jax.rollout.plan import ScenePlan
+    from garment_jax.rollout.programs import ProgramStore
+    from garment_jax.structs import Motion, Scene
+
+
+class Here(NamedTuple):
+    """What is known on this machine: the cache's folder (None: none) and the programs in it."""
+
+    folder: Path | None
+    store: "ProgramStore"
+
+
+def infer(
+    *,
+    model: str,
+    motion: str,
+    out: str | None,
+    no_detail: bool = False,
+    no_collision: bool = False,
+    preroll: int = 0,
+    plan: bool = False,
+    budget_ms: float | None = None,
+    lod: float | None = None,
+) -> Iterator[str]:
+    """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
+    from garment_jax.data.sequence import open_sequence
+    from garment_jax.data.validation import check_input
+    from garment_jax.rollout.plan import make_plan
+
+    here = warm_start()
+    facts, whole = _facts(model)
+    with open_sequence(motion) as sequence:
+        check_input(sequence, joints=facts.config.body.motion_joints)
+        scene, moves = sequence.scene, sequence.motion
+    scene_plan = make_plan(
+        facts,
+        scene,
+        moves,
+        detail=not no_detail,
+        collision=not no_collision,
+        pixel_mm=lod,
+        detail_mm=None if lod is None else _detail_mm(model),
+    )
+    name = "whole model"
+    if budget_ms is not None:
+        whole = whole or _read(model, ())
+        name, scene_plan, whole, line = _within(budget_ms, model, whole, scene, moves, scene_plan, here)
+        yield line
+    if plan:
+        yield from _explained(whole or _read(model, ()), scene, moves, scene_plan, name, here)
+    if out is None:
+        return
+    from garment_jax.rollout.animate import animate_file
+
+    if whole is None:
+        whole = _read(model, scene_plan.leave_out)
+    figures = animate_file(whole, motion, out, preroll=preroll, plan=scene_plan, store=here.store)
+    rate = figures["frames"] / figures["seconds"]
+    took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
+    yield f"{out}: {took}"
+
+
+def warm_start() -> Here:
+    """Switch on the caches of compiled programs, unless `GARMENT_JAX_CACHE` is "off" or none can be kept."""
+    import importlib.util
+    import warnings
+
+    import jax
+
+    from garment_jax.rollout.programs import ProgramStore, cache_folder, surroundings, usable
+
+    folder, setting = usable(cache_folder()), "jax_compilation_cache_dir"
+    if folder is not None and getattr(jax.config, setting) is None:  # the user's own choice stays
+        # one for each version of the sources: what XLA's cache hands out could not be kept as a program
+        jax.config.update(setting, str(folder / f"xla-{surroundings()[:12]}"))
+        _only_newest(folder, "xla-*", 2)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        if importlib.util.find_spec("filelock"):  # without it JAX cannot throw old entries away
+            jax.config.update("jax_compilation_cache_max_size", 200_000_000)  # bytes
+        # a disk that fills up while we run: JAX only warns, and the user need not read it
+        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+    return Here(folder, ProgramStore(folder and folder / "programs"))
+
+
+def _only_newest(folder: Path, pattern: str, kept: int) -> None:
+    """Remove all but the newest folders of a pattern: those of older versions."""
+    import shutil
+
+    for old in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)[:-kept]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _facts(path: str):
+    """Return what the model at `path` says of itself, and the model where it had to be read whole (a run)."""
+    from garment_jax.rollout.model import facts_of, model_facts
+    from garment_jax.training.run_directory import CHECKPOINTS
+
+    if not (Path(path) / CHECKPOINTS).is_dir():
+        return model_facts(path), None
+    from garment_jax.training.pipeline import trained_model
+
+    model = trained_model(path)
+    return facts_of(model), model
+
+
+def _read(path: str, leave_out: tuple[str, ...]) -> "Model":
+    from garment_jax.rollout.model import load_model
+
+    return load_model(path, leave_out=leave_out)
+
+
+def _detail_mm(path: str) -> float | None:
+    from garment_jax.rollout.variants import stored_variants
+
+    try:
+        return stored_variants(path)[1]
+    except FileNotFoundError:
+        return None
+
+
+def _within(
+    budget_ms: float,
+    path: str,
+    model: "Model",
+    scene: "Scene",
+    motion: "Motion",
+    plan: "ScenePlan",
+    here: Here,
+):
+    """Return the name, the plan and the model of the most accurate variant that fits, and a line on it."""
+    from garment_jax.rollout.calibration import frame_times
+    from garment_jax.rollout.variants import apply_variant, choose, stored_variants
+
+    rows = [
+        row
+        for row in stored_variants(path)[0]
+        if row.variant.detail <= plan.detail and row.variant.collision <= plan.collision
+    ]
+    times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
+    chosen = choose(rows, times, budget_ms)
+    v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
+    for part in ("detail", "collision"):
+        if getattr(plan, part) and not getattr(v, part):
+            plan = plan._replace(**{part: False}, why={**plan.why, part: why})
+    line = (
+        f"budget {budget_ms:g} ms: {chosen.name}, {times[chosen.name]:.1f} ms a frame here, "
+        f"error {chosen.error_cm:.2f} cm on the validation clip (whole model {rows[0].error_cm:.2f} cm, "
+        f"{times[rows[0].name]:.1f} ms)"
+    )
+    return chosen.name, plan, apply_variant(model, v), line
+
+
+def _explained(
+    model: "Model", scene: "Scene", motion: "Motion", plan: "ScenePlan", name: str, here: Here
+) -> list[str]:
+    """Return the plan's lines, with times measured on this machine."""
+    from garment_jax.rollout.calibration import frame_times
+    from garment_jax.rollout.plan import CLEARANCE, reachable_triangles
+    from garment_jax.rollout.plan_report import part_costs, parts, plan_lines
+
+    collision, detail = scene.collider is not None, "detail" in model.params
+    names = parts(detail, collision)
+    times = frame_times(model, scene, motion, names, folder=here.folder, store=here.store)
+    costs = part_costs(times, detail=detail, collision=collision)
+    margin = model.config.collision.eps + CLEARANCE
+    reachable = reachable_triangles(scene, motion, margin=margin)
+    return plan_lines(plan, costs, variant=name, reachable=reachable, frames=len(motion.root))

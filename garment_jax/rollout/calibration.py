@@ -1,0 +1,94 @@
+"""How long a model's variants take on this machine: measured once, kept in the user's cache folder.
+
+Not in the paper. A stored time says nothing about another machine, so a few chunks of the motion at hand are
+animated with each variant that a decision hangs on.
+"""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from garment_jax.rollout.animate import make_animator
+from garment_jax.rollout.model import Model
+from garment_jax.rollout.programs import ProgramStore, surroundings, usable
+from garment_jax.rollout.variants import VARIANTS, Variant, apply_variant
+from garment_jax.structs import Motion, Scene
+
+FRAMES = 32  # a chunk of the measured rollouts
+CHUNKS = 4  # of which the first, in which everything is touched for the first time, does not count
+
+
+def frame_times(
+    model: Model,
+    scene: Scene,
+    motion: Motion,
+    names: Iterable[str],
+    *,
+    folder: Path | None = None,
+    store: ProgramStore | None = None,
+) -> dict[str, float]:
+    """Return milliseconds a frame of the variants `names`, single stream, output file not counted.
+
+    Times known for this machine, model and version are read from `folder`, the others
+    measured and put there.
+    """
+    path = _path(folder, model, scene)
+    known = _read(path)
+    for name in names:
+        if name not in known:
+            known[name] = measured_ms(model, scene, motion, VARIANTS[name], store=store)
+            _write(path, known)
+    return known
+
+
+def measured_ms(
+    model: Model, scene: Scene, motion: Motion, variant: Variant, *, store: ProgramStore | None = None
+) -> float:
+    """Return the median over chunks of a variant's milliseconds a frame, from pose to world vertices."""
+    changed = apply_variant(model, variant)
+    changed = changed._replace(
+        config=replace(changed.config, rollout=replace(changed.config.rollout, chunk=FRAMES))
+    )
+    run = make_animator(changed, scene, detail=variant.detail, collision=variant.collision, store=store)
+    wanted = FRAMES * CHUNKS
+    rows = np.minimum(np.arange(wanted), len(motion.root) - 1)  # a short motion stands still at its end
+    pieces = run(Motion(motion.rotations[rows], motion.root[rows], motion.fps))
+    times, began = [], time.perf_counter()
+    for piece in pieces:
+        times.append((time.perf_counter() - began) / len(piece.V))
+        began = time.perf_counter()
+    return 1e3 * float(np.median(times[1:]))
+
+
+def _path(folder: Path | None, model: Model, scene: Scene) -> Path | None:
+    folder = usable(folder)
+    if folder is None:
+        return None
+    faces = 0 if scene.collider is None else len(scene.collider.faces)
+    facts = (surroundings(), repr(model.config), sorted(model.params), faces)
+    return folder / f"times-{hashlib.sha256(repr(facts).encode()).hexdigest()[:32]}.json"
+
+
+def _read(path: Path | None) -> dict[str, float]:
+    try:
+        known = json.loads(path.read_text(encoding="utf-8")) if path else {}
+        return {str(name): float(ms) for name, ms in known.items()}
+    except (OSError, ValueError, AttributeError):
+        return {}
+
+
+def _write(path: Path | None, known: dict[str, float]) -> None:
+    if path is None:
+        return
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError:  # a full disk: measured again next time
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,164 @@
+"""Compiled programs kept between runs, so that a second start neither traces nor compiles.
+
+Not in the paper. JAX's persistent cache saves XLA's work, but tracing a program and turning it into what XLA
+reads takes as long again. Here the finished program itself is kept, under a name that changes with everything
+it depends on: the package's sources, the versions of jax, the processor, the facts that its maker names, and
+the shapes of its arguments. What cannot be kept or read again is compiled as ever.
+"""
+
+import hashlib
+import os
+import pickle
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import jax
+import jaxlib
+import numpy as np
+
+CACHE_VARIABLE = "GARMENT_JAX_CACHE"
+_KEPT = 64  # programs; the oldest go
+
+
+def cache_folder() -> Path | None:
+    """Return the user's cache folder for this package; None where `GARMENT_JAX_CACHE` is "off".
+
+    The variable may also name a folder. Otherwise `$XDG_CACHE_HOME/garment_jax`, or `~/.cache/garment_jax`.
+    """
+    chosen = os.environ.get(CACHE_VARIABLE, "")
+    if chosen.lower() in ("off", "0", "no", "false"):
+        return None
+    if chosen:
+        return Path(chosen).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "garment_jax"
+
+
+def usable(folder: Path | None) -> Path | None:
+    """Return `folder`, made if need be; None where it cannot be written to."""
+    if folder is None:
+        return None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f".probe.{os.getpid()}"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except (OSError, RuntimeError):  # RuntimeError: no home directory
+        return None
+    return folder
+
+
+class ProgramStore:
+    """Builds programs in the background and keeps them in a folder; None keeps nothing."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = usable(folder)
+        # two: one traces under Python's lock while XLA compiles the other
+        self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="compile")
+
+    def program(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> "Program":
+        """Return the program of `jitted` for `arguments` (arrays, or their shapes), being built.
+
+        `facts` say everything else that its result depends on (what `jitted` closes over).
+        """
+        return Program(self._pool.submit(self._built, name, jitted, arguments, facts))
+
+    def after(self, earlier: "Program", make: Callable[[Any], tuple[str, Any, tuple, Mapping]]) -> "Program":
+        """Return a program whose arguments have the shapes of what `earlier` returns."""
+        return Program(self._pool.submit(lambda: self._built(*make(earlier.result_shapes()))))
+
+    def _built(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> tuple[Any, Any]:
+        path = None
+        if self._folder is not None:
+            path = self._folder / f"{name}-{_key(arguments, facts)}.program"
+            known = _read(path)
+            if known is not None:
+                return known
+        compiled = jitted.lower(*arguments).compile()
+        shapes = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), compiled.out_info)
+        if path is not None:
+            _write(path, compiled, shapes)
+        return compiled, shapes
+
+
+class Program:
+    """A compiled program that may still be in the making; call it, and it is waited for."""
+
+    def __init__(self, future: Future) -> None:
+        self._future = future
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._future.result()[0](*arguments)
+
+    def result_shapes(self) -> Any:
+        """Return the shapes of what it returns."""
+        return self._future.result()[1]
+
+
+def shapes_of(tree: Any) -> Any:
+    """Return the shapes and types of a tree of arrays."""
+    return jax.tree.map(lambda a: jax.ShapeDtypeStruct(np.shape(a), np.asarray(a).dtype), tree)
+
+
+def _key(arguments: tuple, facts: Mapping[str, Any]) -> str:
+    leaves, tree = jax.tree.flatten(arguments)
+    shapes = [(np.shape(leaf), str(leaf.dtype)) for leaf in leaves]
+    text = repr((sorted(facts.items()), shapes, str(tree), surroundings()))
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+@lru_cache(maxsize=1)
+def surroundings() -> str:
+    """Return a digest of this package's sources, the versions of jax and the processor."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    device = jax.devices()[0]
+    texts = [jax.__version__, jaxlib.__version__, device.platform, device.device_kind, processor()]
+    texts += [os.environ.get("XLA_FLAGS", ""), str(len(jax.devices())), str(os.cpu_count())]
+    settings = ("jax_default_matmul_precision", "jax_enable_x64")
+    texts += [str(getattr(jax.config, name)) for name in settings]
+    digest.update("\n".join(texts).encode())
+    return digest.hexdigest()
+
+
+def processor() -> str:
+    """Return the processor's name and abilities: a program made for another one may not run."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        import platform
+
+        return platform.processor() or platform.machine()
+    wanted = [line.split(":", 1)[1].strip() for line in lines if line.startswith(("model name", "flags"))]
+    return " ".join(wanted[:2])
+
+
+def _read(path: Path) -> tuple[Any, Any] | None:
+    from jax.experimental.serialize_executable import deserialize_and_load
+
+    try:
+        payload, in_tree, out_tree, shapes = pickle.loads(path.read_bytes())
+        os.utime(path)  # the most recently used stay
+        return deserialize_and_load(payload, in_tree, out_tree), shapes
+    except FileNotFoundError:
+        return None
+    except Exception:  # cut short, of another version, or not for this machine: made anew
+        return None
+
+
+def _write(path: Path, compiled: Any, shapes: Any) -> None:
+    from jax.experimental.serialize_executable import serialize
+
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(pickle.dumps((*serialize(compiled), shapes)))
+        os.replace(temporary, path)
+        kept = sorted(path.parent.glob("*.program"), key=lambda p: p.stat().st_mtime)
+        for old in kept[:-_KEPT]:
+            old.unlink(missing_ok=True)
+    except Exception:  # a full disk, or a program that cannot be kept: the next start compiles again
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,129 @@
+"""Cheaper variants: lower rank against a dense SVD, 16-bit layers, and the choice within a budget."""
+
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from garment_jax.generative.network import decode
+from garment_jax.rollout.calibration import frame_times
+from garment_jax.rollout.variants import (
+    FILE,
+    VARIANTS,
+    Measured,
+    Variant,
+    apply_variant,
+    choose,
+    stored_variants,
+    with_rank,
+)
+from tests.reference.scene import make_motion
+from tests.rollout.tiny_model import CONFIG, SCENE, template, tiny_model
+
+
+def linear_map(params: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return D_rec's last two layers as one: the matrix `[h + z, 3 n]` and the constant."""
+    D = {
+        k: {a: np.asarray(b, np.float64) for a, b in v.items()}
+        for k, v in params["generative"]["D_rec"].items()
+    }
+    A = np.concatenate([D["Dense_1"]["kernel"], D["skip"]["kernel"]])
+    return A @ D["basis"]["kernel"], D["Dense_1"]["bias"] @ D["basis"]["kernel"] + D["basis"]["bias"]
+
+
+@pytest.mark.parametrize("rank", [1, 3, 5])
+def test_a_lower_rank_is_the_truncated_svd_of_the_stored_factors(rank: int):
+    model = tiny_model()
+    narrow = with_rank(model, rank)
+    (M, m), (N, c) = linear_map(model.params), linear_map(narrow.params)
+    U, S, Vt = np.linalg.svd(M, full_matrices=False)
+    np.testing.assert_allclose(N, U[:, :rank] * S[:rank] @ Vt[:rank], atol=1e-5 * S[0])
+    np.testing.assert_allclose(c, m, atol=1e-5)
+    assert narrow.config.generative.rec_rank == rank
+    assert narrow.params["generative"]["D_rec"]["basis"]["kernel"].shape[0] == rank
+    # and the network reads the new factors as this oracle does
+    Z = jax.random.normal(jax.random.key(1), (CONFIG.generative.latent_dim,))
+    V, W = (
+        decode(m.params["generative"], Z, template=template(), config=m.config.generative).V
+        for m in (model, narrow)
+    )
+    assert 1e-6 < np.abs(np.asarray(V - W)).max() < 1.0
+
+
+@pytest.mark.parametrize("rank", [0, 6, 7])
+def test_a_rank_that_is_none_is_refused(rank: int):
+    with pytest.raises(ValueError, match=f"rank {rank} is not below 6, the rank of the model's last layer"):
+        with_rank(tiny_model(), rank)
+
+
+def test_sixteen_bits_touch_the_widest_layers_only():
+    model = tiny_model()
+    half = apply_variant(model, Variant(last_layers="bfloat16"))
+    changed = {
+        jax.tree_util.keystr(path)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(half.params)
+        if leaf.dtype != np.float32
+    }
+    assert changed == {
+        "['generative']['D_rec']['basis']['kernel']",
+        "['generative']['D_dyn']['skip']['kernel']",
+    }
+    assert apply_variant(model, Variant()) is model
+    assert apply_variant(model, Variant(iterations=3)).config.collision.iterations == 3
+
+
+ROWS = [
+    Measured("whole", Variant(), 4.661, 9.0),
+    Measured("no detail", Variant(detail=False), 4.664, 8.0),
+    Measured("bare", Variant(False, False), 4.75, 2.0),
+]
+
+
+@pytest.mark.parametrize(("budget", "name"), [(9.0, "whole"), (8.9, "no detail"), (3.0, "bare")])
+def test_the_most_accurate_that_fits_is_chosen_by_times_measured_here(budget: float, name: str):
+    assert choose(ROWS, {"whole": 9.0, "no detail": 8.5, "bare": 3.0}, budget).name == name
+
+
+def test_of_equal_errors_the_more_complete_is_chosen():
+    assert choose(ROWS, dict.fromkeys(("whole", "no detail", "bare"), 1.0), 4.0).name == "whole"
+
+
+def test_budgets_that_nothing_fits_are_refused():
+    times = {"whole": 9.0, "no detail": 8.5, "bare": 3.04}
+    with pytest.raises(
+        ValueError, match=r"--budget-ms 1 is less than any .* the fastest, 'bare', takes 3.0 ms"
+    ):
+        choose(ROWS, times, 1.0)
+    for budget in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="is no time; give milliseconds a frame"):
+            choose(ROWS, times, budget)
+
+
+def test_stored_variants_are_read_or_refused(tmp_path: Path):
+    with pytest.raises(FileNotFoundError, match=r"variants.json is missing.*run benchmarks/variants.py"):
+        stored_variants(tmp_path)
+    row = {"name": "whole", "settings": Variant()._asdict(), "error_cm": 1.0, "ms": 2.0}
+    (tmp_path / FILE).write_text(json.dumps({"variants": [row], "detail_mm": 0.3}))
+    assert stored_variants(tmp_path) == ([Measured("whole", Variant(), 1.0, 2.0)], 0.3)
+    (tmp_path / FILE).write_text('{"variants": [{}]}')
+    with pytest.raises(ValueError, match=r"variants.json is damaged .*run benchmarks/variants.py"):
+        stored_variants(tmp_path)
+
+
+def test_times_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    measured = []
+
+    def measure(model, scene, motion, variant, *, store=None) -> float:
+        measured.append(variant)
+        return 1.5
+
+    monkeypatch.setattr("garment_jax.rollout.calibration.measured_ms", measure)
+    motion = make_motion(SCENE, 4)
+    for names in (["whole"], ["whole", "no detail"]):
+        times = frame_times(tiny_model(), SCENE, motion, names, folder=tmp_path)
+        assert {times[name] for name in names} == {1.5}
+    assert measured == [VARIANTS["whole"], VARIANTS["no detail"]]
+    assert frame_times(tiny_model(), SCENE, motion, ["whole"])["whole"] == 1.5  # without a folder too
+    assert len(measured) == 3
