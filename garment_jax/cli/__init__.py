@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from garment_jax import __version__
 from garment_jax.cli import (
+    benchmark,
     collide,
     evaluate,
     export,
@@ -34,6 +35,7 @@ COMMANDS = (
     evaluate,
     render,
     stability,
+    benchmark,
     save,
     export,
     view,

@@ -1,0 +1,71 @@
+"""Names by content: what a run was trained with, and what a measurement was made of.
+
+A change of the data or of a value that changes the outcome makes another name, so that nothing stale is
+found; values that only say how a run is watched do not.
+"""
+
+import functools
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from garment_jax.baselines.fitting import own_config
+from garment_jax.benchmark.settings import OURS
+from garment_jax.config import Config, differences, to_dict
+
+DIGITS = 12
+# sections that a stage's result depends on, of ours; detail on reconstructions does not see the motion
+_STAGES = {
+    "generative": ("data", "body", "uv", "generative", "training"),
+    "warm_up": ("data", "body", "uv", "generative", "motion", "training"),
+    "motion": ("data", "body", "uv", "generative", "motion", "training"),
+    "detail": ("data", "body", "uv", "generative", "motion", "detail", "training"),
+}
+
+
+def digest(value: Any) -> str:
+    """Return the first hex digits of the SHA-256 of a JSON value, independent of the order of keys."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:DIGITS]
+
+
+def clips_hash(paths: Iterable[Path]) -> str:
+    """Return the hash of files' names and bytes."""
+    total = hashlib.sha256()
+    for path in sorted(paths, key=lambda p: p.name):
+        with open(path, "rb") as file:
+            total.update(f"{path.name}:{hashlib.file_digest(file, 'sha256').hexdigest()};".encode())
+    return total.hexdigest()[:DIGITS]
+
+
+def learnt(config: Config, method: str) -> dict[str, dict[str, Any]]:
+    """Return the values of `config` that change what `method` learns, as nested dicts."""
+    table = to_dict(config if method == OURS else own_config(config))
+    other = {s: {k: _Other() for k in entries} for s, entries in table.items()}
+    counted = {name for name, _, _ in differences(other, table)}
+    if method != OURS:
+        counted |= {f"baselines.{key}" for key in table.get("baselines", {})}
+    picked = {
+        s: {k: v for k, v in e.items() if f"{s}.{k}" in counted and k != "dir"} for s, e in table.items()
+    }
+    return {section: entries for section, entries in picked.items() if entries}
+
+
+class _Other:
+    """Unequal to every value."""
+
+
+@functools.cache
+def run_name(method: str, config: Config, data: str) -> str:
+    """Return METHOD-HASH of a training run on clips with the hash `data`."""
+    return f"{method}-{digest([method, data, learnt(config, method)])}"
+
+
+def stage_name(stage: str, config: Config, data: str) -> str:
+    """Return the hash of everything that `stage` of ours depends on: runs with the same one share it."""
+    sections = _STAGES[stage]
+    if stage == "detail" and config.detail.source == "reconstruction":
+        sections = tuple(s for s in sections if s != "motion")
+    values = learnt(config, OURS)
+    return digest([stage, data, {s: values.get(s, {}) for s in sections}])

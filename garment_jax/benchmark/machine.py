@@ -1,0 +1,60 @@
+"""Where and with what a figure was measured: without it the figure says nothing."""
+
+import datetime
+import os
+import platform
+import resource
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from garment_jax import __version__
+
+PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "scipy")
+
+
+def machine() -> dict[str, str]:
+    """Return processor, cores, memory, load, device, versions and date."""
+    import jax
+
+    device = jax.devices()[0]
+    return {
+        "processor": _line("/proc/cpuinfo", "model name") or platform.processor() or platform.machine(),
+        "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
+        "memory": _line("/proc/meminfo", "MemTotal") or "unknown",
+        "load": f"{os.getloadavg()[0]:.1f}",
+        "device": f"{device.platform} {device.device_kind}",
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "garment-jax": __version__,
+        **{name: _version(name) for name in PACKAGES},
+        "date": datetime.datetime.now().astimezone().isoformat(timespec="minutes"),
+    }
+
+
+def _line(file: str, key: str) -> str:
+    path = Path(file)
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    found = [line.split(":", 1)[1].strip() for line in lines if line.startswith(key)]
+    return found[0] if found else ""
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process has held, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+
+
+def process_age() -> float | None:
+    """Return the seconds since this process began, None where the system does not say."""
+    stat = Path("/proc/self/stat")
+    if not stat.exists():
+        return None
+    ticks = int(stat.read_text(encoding="utf-8").rpartition(")")[2].split()[19])
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")

@@ -1,0 +1,210 @@
+"""The report's plots as SVG text; matplotlib is imported here and in no other file of this room."""
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from garment_jax.benchmark.front import pareto_front
+from garment_jax.benchmark.records import Records, RowRecord, first_error, is_ours, spread, training_seconds
+from garment_jax.benchmark.tables import PREVIOUS, WITHOUT
+
+OURS_INK, OTHER_INK, FLOOR_INK = "#c2502e", "#3b6b9e", "#4d7f4d"
+
+
+def all_plots(records: Records, lengths: Sequence[int]) -> dict[str, str]:
+    """Return title -> SVG of every plot; one without any figure yet says so."""
+    return {
+        "Error against run time": pareto_plot(records),
+        "Error along the rollout, with and without previous state": rollout_plot(records, lengths),
+        "Error by frame": frame_plot(records),
+        "Error against training data": data_plot(records),
+        "Error against training time": time_plot(records),
+        "Search over the learning rate": search_plot(records),
+    }
+
+
+def pareto_plot(records: Records) -> str:
+    """RMSE against milliseconds a frame (log), every timed rollout row, the front drawn."""
+    shown = [(r, spread(r, "rmse_cm")) for r in records.rows if r.time and not r.reconstructs]
+    shown = [(r, found) for r, found in shown if found is not None]
+    figure, axes = _figure(height=6.4)
+    points = [(r.time["ms_per_frame"], found.mean) for r, found in shown if r.time]
+    for k, ((r, found), (x, y)) in enumerate(zip(shown, points, strict=True), start=1):
+        ink, mark = (OURS_INK, "o") if is_ours(r) else (OTHER_INK, "s")
+        axes.errorbar(x, y, yerr=found.std, fmt=mark, ms=5, color=ink, capsize=2, lw=1)
+        axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8, color=ink)
+        axes.plot([], [], mark, ms=5, color=ink, label=f"{k}  {r.row.title}: {y:.2f} cm, {x:.2g} ms")
+    front = [points[i] for i in pareto_front(points)]
+    if front:
+        line = {"color": "0.45", "lw": 1, "ls": "--", "label": "Pareto front", "zorder": 0}
+        axes.step(*zip(*front, strict=True), where="post", **line)
+    if records.simulator:
+        x = records.simulator["ms_per_frame"]
+        axes.axvline(x, color="0.3", lw=1, ls=":", label=f"simulator, {x:.0f} ms a frame")
+    _floor(axes, records)
+    axes.set(xlabel="milliseconds a frame, one stream", ylabel="RMSE, cm, mean of test clips", xscale="log")
+    return _svg(figure, axes, empty=not shown, beside=True)
+
+
+def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
+    """RMSE of the first frames of the rollout, with and without previous state."""
+    figure, axes = _figure()
+    shown = False
+    for name, ink in ((PREVIOUS, OURS_INK), (WITHOUT, OTHER_INK)):
+        record = records.named(name)
+        if record is None:
+            continue
+        for clip in records.clips:
+            found = [(k, first_error(record, k, clip=clip)) for k in lengths]
+            found = [(k, f.mean) for k, f in found if f is not None]
+            if not found:
+                continue
+            longest = len(found) == len(lengths)
+            axes.plot(
+                *zip(*found, strict=True),
+                "o-",
+                color=ink,
+                lw=1.8 if longest else 0.7,
+                ms=4,
+                alpha=1 if longest else 0.45,
+            )
+            k, y = found[-1]
+            axes.annotate(clip, (k, y), xytext=(5, 0), textcoords="offset points", fontsize=7, color=ink)
+        axes.plot([], [], color=ink, label=record.row.title)
+        shown = True
+    _floor(axes, records)
+    axes.set(xlabel="first frames of the rollout", ylabel="RMSE, cm", xscale="log")
+    axes.set_xticks(list(lengths), [str(k) for k in lengths])
+    axes.minorticks_off()
+    axes.set_ylim(bottom=0)
+    return _svg(figure, axes, empty=not shown)
+
+
+def frame_plot(records: Records) -> str:
+    """The longest clip's error by frame, smoothed over a second, of the rows compared."""
+    names = ("ours", "no_previous_state", "pan_2022", "santesteban_2019", "ridge", "skinned_template")
+    found = [record for record in map(records.named, names) if record is not None]
+    figure, axes = _figure()
+    for record in found:
+        clips = record.rolls[0]["clips"]
+        clip = max(clips, key=lambda name: clips[name]["frames"])
+        error = np.asarray(clips[clip]["rmse_cm_per_frame"], float)
+        window = np.ones(min(30, len(error)))
+        mean = np.convolve(error, window, "same") / np.convolve(np.ones(len(error)), window, "same")
+        axes.plot(mean, lw=2.0 if record.row.name == "ours" else 1.0, label=record.row.title)
+        axes.set(xlabel=f"frame of {clip}, mean of 30", ylabel="RMSE, cm")
+    axes.set_ylim(bottom=0)
+    return _svg(figure, axes, empty=not found)
+
+
+def data_plot(records: Records) -> str:
+    """RMSE against the part of the training clips, by method: rows that differ in nothing but the part."""
+    figure, axes = _figure()
+    shown = False
+    for method in dict.fromkeys(r.row.method for r in records.rows if r.row.part < 1):
+        own = [r for r in records.rows if r.row.method == method and r.rolls and r.row.length == 1]
+        whole = [r for r in own if r.row.part == 1][:1]
+        found = [(r, spread(r, "rmse_cm")) for r in [*(r for r in own if r.row.part < 1), *whole]]
+        points = sorted((100 * r.row.part, f.mean) for r, f in found if f is not None)
+        if len(points) > 1:
+            axes.plot(*zip(*points, strict=True), "o-", label=method)
+            shown = True
+    _floor(axes, records)
+    axes.set(xlabel="training clips, %", ylabel="RMSE, cm (mean of the test clips)")
+    axes.set_ylim(bottom=0)
+    return _svg(figure, axes, empty=not shown)
+
+
+def time_plot(records: Records) -> str:
+    """Validation error of rollouts during training, and the test error at its end, against seconds."""
+    figure, axes = _figure()
+    shown = False
+    own_runs = {r.trained[0]["run"]: r for r in reversed(records.rows) if _has_curve(r)}  # the first row's
+    for k, record in enumerate(reversed(own_runs.values())):
+        own = record.trained[0]["curve"]
+        last = own[-1]["stage"]
+        points = [(p["seconds"], p["rmse_cm"]) for p in own if p["stage"] in _rolled_stages(last)]
+        line = axes.plot(*zip(*points, strict=True), ".-", lw=1, color=f"C{k % 10}", label=record.row.title)[
+            0
+        ]
+        found, seconds = spread(record, "rmse_cm"), training_seconds(record)
+        if found is not None and seconds:
+            axes.plot(seconds, found.mean, "D", ms=6, color=line.get_color())
+        shown = True
+    axes.set(xlabel="seconds of training", ylabel="RMSE, cm: validation clip (lines), test (diamonds)")
+    axes.set_ylim(bottom=0)
+    return _svg(figure, axes, empty=not shown, beside=True)
+
+
+def _has_curve(record: RowRecord) -> bool:
+    """Return whether a row's validation rolled out, and it was trained on all clips."""
+    return bool(
+        record.row.part == 1 and record.rolls and not record.reconstructs and record.trained[0]["curve"]
+    )
+
+
+def _rolled_stages(last: str) -> tuple[str, ...]:
+    """Return the stages whose validation is of the same kind as the last one's (ours: rollouts)."""
+    return ("warm_up", "motion") if last in ("warm_up", "motion") else (last,)
+
+
+def search_plot(records: Records) -> str:
+    """Validation error against the factor of the learning rates, by method."""
+    figure, axes = _figure()
+    shown = False
+    factors: set[float] = set()
+    for method, found in records.searches.items():
+        points = sorted((e["factor"], e["validation_cm"]) for e in found if e["validation_cm"] is not None)
+        factors |= {x for x, _ in points}
+        if points:
+            axes.plot(*zip(*points, strict=True), "o-", label=method)
+            shown = True
+    axes.set(xlabel="factor of the learning rates", ylabel="RMSE on the validation clip, cm", xscale="log")
+    axes.set_xticks(sorted(factors), [f"{x:g}" for x in sorted(factors)])
+    axes.minorticks_off()
+    axes.set_ylim(bottom=0)
+    return _svg(figure, axes, empty=not shown)
+
+
+def _floor(axes: Any, records: Records) -> None:
+    """Draw the predictability floor: how far two simulations of the same frames differ."""
+    if not records.floor:
+        return
+    mean = float(np.mean([f["rmse_cm"] for f in records.floor]))
+    axes.axhline(mean, color=FLOOR_INK, lw=1.2, ls="-.", label=f"predictability floor, {mean:.2f} cm")
+
+
+def _figure(*, height: float = 4.0) -> tuple[Any, Any]:
+    matplotlib.use("Agg")  # headless: never look for a display
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, height), layout="constrained")
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="0.92", lw=0.6)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def _svg(figure: Any, axes: Any, *, empty: bool, beside: bool = False) -> str:
+    if empty:
+        axes.text(
+            0.5,
+            0.5,
+            "open: not measured yet",
+            ha="center",
+            va="center",
+            transform=axes.transAxes,
+            color="0.5",
+        )
+    elif axes.get_legend_handles_labels()[1]:
+        where = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if beside else {"loc": "best"}
+        axes.legend(frameon=False, fontsize=8, **where)
+    file = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "garment-jax"}):  # the same figures, the same bytes
+        figure.savefig(file, format="svg", metadata={"Date": None})
+    text = file.getvalue()
+    return text[text.index("<svg") :]

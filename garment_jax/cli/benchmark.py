@@ -1,0 +1,40 @@
+"""`garment-jax benchmark`: error against run time of every method, in one report."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser("benchmark", help="train, roll out and measure every method; one report")
+    parser.add_argument("config", type=Path, help="benchmark, e.g. configs/benchmark.toml")
+    parser.add_argument("--data", type=Path, help="folder with train/ and test/ (default: the file's)")
+    parser.add_argument("--out", type=Path, help="folder for runs, results and report (default: the file's)")
+    parser.add_argument("--quick", action="store_true", help="ten minutes, to see that everything works")
+    parser.add_argument("--only", nargs="+", default=[], metavar="ROW", help="some rows")
+    parser.add_argument("--report-only", action="store_true", help="from what is measured, nothing else")
+    parser.add_argument(
+        "--timed-by",
+        default="",
+        metavar="COMMAND",
+        help='runs the measurements of run time, e.g. "taskset -c 0,1"',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run it; exit code 1 where a job failed."""
+    from garment_jax.benchmark.runner import benchmark
+
+    failed = benchmark(
+        options.config,
+        data=options.data,
+        out=options.out,
+        quick=options.quick,
+        only=options.only,
+        report_only=options.report_only,
+        timed_by=options.timed_by,
+        show=partial(print, flush=True),
+    )
+    return 1 if failed else 0

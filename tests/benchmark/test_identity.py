@@ -1,0 +1,80 @@
+"""Names by content: what makes another run, and what does not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from garment_jax.benchmark.identity import clips_hash, learnt, run_name, stage_name
+from garment_jax.benchmark.settings import merged
+from garment_jax.config import Config
+
+CONFIG = Config()
+
+
+def changed(**sections: dict) -> Config:
+    return merged(CONFIG, sections, source="test")
+
+
+@pytest.mark.parametrize(
+    ("sections", "same"),
+    [
+        ({"motion": {"gru": 32}}, False),
+        ({"training": {"seed": 1}}, False),
+        ({"data": {"validation": ["salsa"]}}, False),
+        ({"data": {"dir": "elsewhere"}}, True),
+        ({"collision": {"iterations": 3}}, True),
+        ({"rollout": {"chunk": 8}}, True),
+        ({"training": {"checkpoint_seconds": 1.0}}, True),
+        ({"baselines": {"pan_steps": 3}}, True),
+    ],
+)
+def test_a_run_of_ours_is_named_by_what_it_learns(sections: dict, same: bool) -> None:
+    assert (run_name("ours", changed(**sections), "d") == run_name("ours", CONFIG, "d")) is same
+
+
+def test_a_baseline_is_named_by_its_own_section_and_not_by_ours() -> None:
+    name = run_name("pan_2022", CONFIG, "d")
+    assert run_name("pan_2022", changed(baselines={"pan_steps": 3}), "d") != name
+    assert run_name("pan_2022", changed(generative={"latent_dim": 32}), "d") == name
+    assert run_name("santesteban_2019", CONFIG, "d").split("-")[1] != name.split("-")[1]
+
+
+def test_other_data_is_another_run() -> None:
+    assert run_name("ours", CONFIG, "d") != run_name("ours", CONFIG, "e")
+
+
+def test_a_stage_is_shared_where_all_before_it_is_the_same() -> None:
+    without = changed(motion={"previous_state": False})
+    plain = changed(detail={"lambda_adversarial": 0.0})
+    rolled = replace(without, detail=replace(CONFIG.detail, source="rollout"))
+    rolled_too = replace(CONFIG, detail=rolled.detail)
+    for stage, other, same in (
+        ("generative", without, True),
+        ("warm_up", without, False),
+        ("motion", without, False),
+        ("detail", without, True),  # it learns from reconstructions
+        ("motion", plain, True),
+        ("detail", plain, False),
+        ("generative", changed(generative={"lambda_kl": 0.0}), False),
+    ):
+        assert (stage_name(stage, other, "d") == stage_name(stage, CONFIG, "d")) is same, stage
+    assert stage_name("detail", rolled, "d") != stage_name("detail", rolled_too, "d")
+
+
+def test_learnt_holds_no_path_and_no_watching() -> None:
+    values = learnt(CONFIG, "ours")
+    assert "dir" not in values["data"]
+    assert set(values) == {"data", "body", "uv", "generative", "motion", "detail", "training"}
+    assert "log_every" not in values["training"]
+
+
+def test_clips_are_named_by_name_and_bytes(tmp_path: Path) -> None:
+    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
+    a.write_bytes(b"one")
+    b.write_bytes(b"two")
+    first = clips_hash([a, b])
+    assert clips_hash([b, a]) == first
+    assert clips_hash([a]) != first
+    b.write_bytes(b"twp")
+    assert clips_hash([a, b]) != first

@@ -1,0 +1,86 @@
+"""The report of a finished benchmark, of an empty one, and that both hold every plot."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from garment_jax.benchmark import pictures
+from garment_jax.benchmark.plan import ROLL, Plan
+from garment_jax.benchmark.plots import all_plots
+from garment_jax.benchmark.records import gather
+from garment_jax.benchmark.report import write_report
+from garment_jax.benchmark.runner import next_job
+from tests.benchmark.made import finish, make_plan, write_rollouts
+
+DRAWN = ("ours", "auto_encoder", "no_previous_state")
+
+
+def told(plan: Plan) -> dict:
+    return {"benchmark": "benchmark.toml", "data": "d", "out": str(plan.out), "quick": False, "only": []}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    """A benchmark with made-up figures and real sequence files, and its report with tiny pictures."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(pictures, "HEIGHT", 48)
+    patch.setattr(pictures, "COLUMNS", 2)
+    plan = make_plan(tmp_path_factory.mktemp("finished"))
+    while (job := next_job(plan, {})) is not None:
+        finish(plan, job)
+    for name in DRAWN:
+        job = plan.roll_job(plan.loaded.row(name), 0)
+        assert job.kind == ROLL
+        write_rollouts(plan, job)
+    write_report(plan, told(plan))
+    patch.undo()
+    return plan
+
+
+def test_the_page_holds_every_plot_and_picture_and_fetches_nothing(finished: Plan) -> None:
+    page = (finished.out / "report.html").read_text()
+    plots = all_plots(gather(finished), finished.settings.lengths)
+    assert len(plots) == 6
+    assert page.count("<svg") == len(plots)
+    for title in plots:
+        assert f"<h2>{title}</h2>" in page
+    assert page.count("data:image/png;base64,") == 4  # reconstruction, methods, their error, latent
+    assert 'src="http' not in page
+    assert "href=" not in page.replace("xlink:href", "")
+    assert page.count("<table>") == 10
+    assert "ours &amp; all" in page
+
+
+def test_every_row_is_in_the_pareto_plot(finished: Plan) -> None:
+    plot = all_plots(gather(finished), finished.settings.lengths)["Error against run time"]
+    for row in finished.settings.rows:
+        shown = row.title.replace("&", "&amp;") in plot
+        assert shown == (row.task == "rollout"), row.name
+    assert "open: not measured yet" not in plot
+
+
+def test_markdown_json_and_csv_say_the_same(finished: Plan) -> None:
+    text = (finished.out / "report.md").read_text()
+    facts = json.loads((finished.out / "report.json").read_text())
+    with open(finished.out / "report.csv", newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert "| ours & all |" in text
+    ours = next(row for row in facts["rows"] if row["name"] == "ours")
+    assert [m["seed"] for m in ours["measured"]] == [0, 7]
+    assert set(ours["measured"][0]["clips"]) == {"tango_1", "tango_2"}
+    first = next(line for line in lines if line["row"] == "ours" and line["seed"] == "0")
+    assert float(first["rmse_cm"]) == ours["measured"][0]["clips"]["tango_1"]["metrics"]["rmse_cm"]
+    assert len(lines) == 2 * sum(len(row["measured"]) for row in facts["rows"])
+    assert all(trained["run"] in text for row in facts["rows"] for trained in row["trained"])
+
+
+def test_an_empty_benchmark_has_a_report_of_open_cells(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path)
+    write_report(plan, told(plan))
+    page = (plan.out / "report.html").read_text()
+    assert page.count("<svg") == 6
+    assert "0 of 6 rows measured" in page
+    assert "| ours & all | open |" in (plan.out / "report.md").read_text()
+    assert not list(plan.out.glob("*.tmp"))
