@@ -1,0 +1,63 @@
+"""Seconds from the start of `infer.py` to its first frames: without any cache, and with what that start kept.
+
+    python benchmarks/cold_start.py models/skirt CLIP [--collision] [--json FILE]
+
+A fresh interpreter each time, Python's own bytecode in place (the first start of all writes it and is not
+reported). The clock runs from the process' start to the first line of progress, which comes after the first
+chunk of frames has been written.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from measured import report
+
+ROOT = Path(__file__).parents[1]
+
+
+def first_frames(words: list[str], cache: str) -> float:
+    """Return the seconds until the first chunk; the rest of the motion is not waited for."""
+    command = [sys.executable, str(ROOT / "infer.py"), *words]
+    settings, quiet = {**os.environ, "GARMENT_JAX_CACHE": cache}, subprocess.DEVNULL
+    began = time.perf_counter()
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=quiet, env=settings)
+    assert process.stderr is not None
+    said = b""
+    while b" frames/s" not in said:
+        letter = process.stderr.read(1)
+        if not letter:
+            raise ValueError(f"infer.py stopped: {said.decode()}")
+        said += letter
+    seconds = time.perf_counter() - began
+    process.communicate()  # to its end, so that what it keeps is whole
+    return seconds
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("model")
+    parser.add_argument("clip")
+    parser.add_argument("--collision", action="store_true")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        words = [options.model, "--motion", options.clip, "--out", f"{folder}/out.h5"]
+        words += [] if options.collision else ["--no-collision"]
+        subprocess.run([sys.executable, str(ROOT / "infer.py"), "--help"], capture_output=True, check=True)
+        code = "import garment_jax.cli.infer, garment_jax.rollout.animate, garment_jax.rollout.resolve"
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+        for name in ("nothing kept", "second start", "third start"):
+            rows.append({"start": name, "first frames s": first_frames(words, f"{folder}/cache")})
+    facts = {"collision": options.collision, "model": options.model}
+    report(rows, title="Cold start of infer.py", facts=facts, json_path=options.json)
+
+
+if __name__ == "__main__":
+    main()
