@@ -16,6 +16,7 @@ from garment_jax.benchmark.settings import OURS
 from garment_jax.config import Config, differences, to_dict
 
 DIGITS = 12
+TRAINED = 1  # counted into the names of runs: raise it when a default or the code changes what is learnt
 # sections that a stage's result depends on, of ours; detail on reconstructions does not see the motion
 _STAGES = {
     "generative": ("data", "body", "uv", "generative", "training"),
@@ -40,26 +41,27 @@ def clips_hash(paths: Iterable[Path]) -> str:
 
 
 def learnt(config: Config, method: str) -> dict[str, dict[str, Any]]:
-    """Return the values of `config` that change what `method` learns, as nested dicts."""
-    table = to_dict(config if method == OURS else own_config(config))
-    other = {s: {k: _Other() for k in entries} for s, entries in table.items()}
-    counted = {name for name, _, _ in differences(other, table)}
-    if method != OURS:
-        counted |= {f"baselines.{key}" for key in table.get("baselines", {})}
-    picked = {
-        s: {k: v for k, v in e.items() if f"{s}.{k}" in counted and k != "dir"} for s, e in table.items()
-    }
-    return {section: entries for section, entries in picked.items() if entries}
+    """Return the values of `config` that change what `method` learns and are not their defaults.
 
-
-class _Other:
-    """Unequal to every value."""
+    So a key that comes later, at a default that changes nothing, leaves the names of older runs as they are.
+    """
+    plain = Config() if method == OURS else own_config(Config())
+    table, default = to_dict(config if method == OURS else own_config(config)), to_dict(plain)
+    picked: dict[str, dict[str, Any]] = {}
+    for name, _, value in differences(default, table):
+        section, _, key = name.partition(".")
+        if name != "data.dir":
+            picked.setdefault(section, {})[key] = value
+    if method != OURS:  # `differences` leaves this section out, which changes nothing of ours
+        own = {k: v for k, v in table["baselines"].items() if v != default["baselines"][k]}
+        picked |= {"baselines": own} if own else {}
+    return picked
 
 
 @functools.cache
 def run_name(method: str, config: Config, data: str) -> str:
     """Return METHOD-HASH of a training run on clips with the hash `data`."""
-    return f"{method}-{digest([method, data, learnt(config, method)])}"
+    return f"{method}-{digest([TRAINED, method, data, learnt(config, method)])}"
 
 
 def stage_name(stage: str, config: Config, data: str) -> str:
@@ -68,4 +70,4 @@ def stage_name(stage: str, config: Config, data: str) -> str:
     if stage == "detail" and config.detail.source == "reconstruction":
         sections = tuple(s for s in sections if s != "motion")
     values = learnt(config, OURS)
-    return digest([stage, data, {s: values.get(s, {}) for s in sections}])
+    return digest([TRAINED, stage, data, {s: values.get(s, {}) for s in sections}])

@@ -78,7 +78,7 @@ def error_table(records: Records, settings: dict) -> Table:
 def cost_table(records: Records) -> Table:
     """Every rollout row: run time, memory, size, training."""
     head = ["method", "ms a frame", "p95", "step ms", "p95", "frames/s, batch", "start-up s", "compile s"]
-    head += ["peak MB", "parameters", "MB stored", "training s"]
+    head += ["peak MB", "parameters", "MB stored", "training s", "CPU s"]
     rows = []
     for r in (r for r in records.rows if not _rebuilds(r)):
         t = r.time or {}
@@ -88,7 +88,8 @@ def cost_table(records: Records) -> Table:
         cells += [number(t.get("batch_frames_per_s"), ".0f"), number(t.get("start_up_s"), ".1f")]
         cells += [number(t.get("compile_s"), ".1f"), number(t.get("peak_mb"), ".0f")]
         cells += [number(t.get("parameters"), ",.0f"), number(t.get("bytes"), ".1f", scale=1e-6)]
-        rows.append([_title(r), *cells, number(training_seconds(r), ".0f")])
+        cpu = r.trained[0].get("cpu_seconds") if r.trained else None
+        rows.append([_title(r), *cells, number(training_seconds(r), ".0f"), number(cpu, ".0f")])
     s = records.simulator or {}
     simulator = [number(s.get(k), ".0f") for k in ("ms_per_frame", "ms_per_frame_p95")]
     rows.append(["simulator (the truth)", *simulator, *(["–"] * (len(head) - 3))])
@@ -98,7 +99,8 @@ def cost_table(records: Records) -> Table:
         "motion to garment in the world (pins, and for ours collisions unless the row says otherwise). "
         "Step: the compiled networks alone, one frame in and out, waited for each time. "
         f"Batch: {batch or 'several'} motions side by side, without collision handling. Start-up: process, "
-        "imports and loading. Training: seconds of the first seed, shared stages counted in."
+        "imports and loading. Training: seconds of the first seed, shared stages counted in; CPU: "
+        "of all cores, of this run's own processes."
     )
     return Table("Cost", head, rows, note)
 

@@ -29,7 +29,8 @@ def told_job(job: Job) -> dict[str, Any]:
 
 
 def job_told(told: dict[str, Any]) -> Job:
-    return Job(**(told | {"done": Path(told["done"])}))
+    values: dict[str, Any] = told | {"done": Path(told["done"])}
+    return Job(**values)
 
 
 def work(plan: Plan, job: Job) -> None:

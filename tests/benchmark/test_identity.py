@@ -62,11 +62,17 @@ def test_a_stage_is_shared_where_all_before_it_is_the_same() -> None:
     assert stage_name("detail", rolled, "d") != stage_name("detail", rolled_too, "d")
 
 
-def test_learnt_holds_no_path_and_no_watching() -> None:
-    values = learnt(CONFIG, "ours")
-    assert "dir" not in values["data"]
-    assert set(values) == {"data", "body", "uv", "generative", "motion", "detail", "training"}
-    assert "log_every" not in values["training"]
+def test_learnt_holds_what_is_not_a_default_and_no_path_and_no_watching() -> None:
+    assert learnt(CONFIG, "ours") == {}
+    assert learnt(CONFIG, "pan_2022") == {}
+    config = changed(
+        data={"dir": "elsewhere", "mirror": False},
+        training={"log_every": 3, "seed": 2},
+        baselines={"bones": 5},
+    )
+    common = {"data": {"mirror": False}, "training": {"seed": 2}}
+    assert learnt(config, "ours") == common
+    assert learnt(config, "pan_2022") == common | {"baselines": {"bones": 5}}
 
 
 def test_clips_are_named_by_name_and_bytes(tmp_path: Path) -> None:
