@@ -47,6 +47,7 @@ class GenerativeConfig:
     part_dim: int = 64  # of z_s and of z_d
     rec_hidden: tuple[int, ...] = (256, 256)  # hidden widths of D_rec
     rec_rank: int = 96  # rank of D_rec's last layer; 0 leaves it whole, as in the paper
+    decomposition: bool = True  # D_rec and D_dyn; false: one decoder of positions from all of Z
     instance_norm: bool = True
     map_statistics: bool = True  # give E_gen's dense layer the channel means and deviations
     linear_skip: bool = True  # linear paths beside the networks, begun from principal components
@@ -127,10 +128,11 @@ class BaselinesConfig:
     santesteban_steps: int = 600  # windows
     santesteban_rate: float = 1e-3  # learning rate
     bones: int = 80  # virtual bones
-    pan_gru: int = 500  # width of both recurrent states
+    pan_gru: int = 500  # width of the recurrent state that moves the bones
     pan_steps: int = 1_500  # windows of the low-frequency part
     pan_rate: float = 1e-3
-    pan_residual_steps: int = 300  # of the high-frequency part
+    pan_residual_gru: int = 128  # width of the recurrent state of the high-frequency part
+    pan_residual_steps: int = 300  # batches of it
     pan_residual_rate: float = 5e-4
     decoder_steps: int = 450  # batches of the auto-encoder with one vertex decoder
     decoder_rate: float = 3e-4
@@ -171,7 +173,7 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru"}
+    | {"log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru", "pan_residual_gru"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -251,11 +253,13 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    Baselines count where they differ from the defaults: hashes from before that section still hold.
+    What came later (baselines, decomposition) counts where it differs from the defaults: older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
+    if config.generative.decomposition:
+        del values["generative"]["decomposition"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from garment_jax.config import Config, to_dict
+from garment_jax.config import Config, GenerativeConfig, to_dict
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.prepared import prepare
 from garment_jax.data.start import make_skinned_template
@@ -41,18 +41,30 @@ def own_config(config: Config) -> Config:
 
 
 @contextmanager
-def open_baseline(name: str, config: Config, run_dir: str | Path, data_dir: str | Path) -> Iterator[Run]:
+def open_baseline(
+    name: str,
+    keys: tuple[str, ...],
+    config: Config,
+    run_dir: str | Path,
+    data_dir: str | Path,
+    *,
+    generative: GenerativeConfig | None = None,
+) -> Iterator[Run]:
     """Prepare the data (cached in the run's folder) and open or create the run of the baseline `name`.
 
+    `keys` are beginnings of the keys of `[baselines]` that it reads: those must stay. `generative` is for a
+    method that trains our first stage.
     Raises `ValueError` for a folder that belongs to another method, configuration, garment or data set.
     """
     folder, config = Path(run_dir), own_config(config)
+    if generative is not None:
+        config = dataclasses.replace(config, generative=generative)
     data = prepare(data_dir, config, folder / "cache")
     facts = {
         "method": name,
         "garment": garment_hash(data.scene.garment),
         "data": data.content,
-        "baselines": to_dict(config)["baselines"],
+        "baselines": {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)},
     }
     prepare_run(folder, config, facts=facts)
     scene = data.scene

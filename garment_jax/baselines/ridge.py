@@ -90,7 +90,7 @@ def _parameters(run: Run, *, past: bool) -> dict[str, np.ndarray]:
 
 
 def _fit(name: str, config: Config, run_dir: Path, data_dir: Path) -> None:
-    with open_baseline(name, config, run_dir, data_dir) as run:
+    with open_baseline(name, ("components", "ridge", "inputs"), config, run_dir, data_dir) as run:
         finish_model(run, _parameters(run, past=name == "ridge"))
 
 

@@ -35,7 +35,7 @@ def rollout(T: Float[Array, "n 3"], W: Float[Array, "n m"], x: SeedFrame) -> Flo
 
 def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
     """Write what describes the garment; there is nothing to learn."""
-    with open_baseline("skinned_template", config, run_dir, data_dir) as run:
+    with open_baseline("skinned_template", (), config, run_dir, data_dir) as run:
         finish_model(run, {})
 
 

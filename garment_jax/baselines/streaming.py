@@ -10,6 +10,7 @@ import numpy as np
 from garment_jax.baselines.method import Runner, Stream
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import from_root
+from garment_jax.data.content_hash import scene_hash
 from garment_jax.rollout.animate import FPS_TOLERANCE, Chunk
 from garment_jax.rollout.attachment import make_attachment
 from garment_jax.rollout.model import Model
@@ -36,24 +37,40 @@ class Live(NamedTuple):
     rollout: Rollout
 
 
+class _Compiled(NamedTuple):
+    live: Live
+    run: Rollout  # of a chunk
+    step: Rollout  # of a frame, without a time axis
+
+
+def _compile(live: Live) -> _Compiled:
+    def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
+        state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
+        return state, V[0]
+
+    return _Compiled(live, jax.jit(live.rollout), jax.jit(one))
+
+
 def make_runner(model: Model, live_on: Callable[[Model, Scene, str], Live]) -> Runner:
     """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment."""
-    chunk = model.config.rollout.chunk
+    chunk, known = model.config.rollout.chunk, dict[str, _Compiled]()
+
+    def compiled(scene: Scene, name: str) -> _Compiled:
+        """Programs are compiled once for a scene, whatever the clips."""
+        key = scene_hash(scene)
+        if key not in known:
+            known[key] = _compile(live_on(model, scene, name))
+        return known[key]
 
     def stream(scene: Scene, motion: Motion, name: str) -> Stream:
-        live, begun = _begin(model, live_on, scene, [motion], name)
-        run = jax.jit(live.rollout)
-
-        def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
-            state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
-            return state, V[0]
-
-        step, first = jax.jit(one), begun[0]
+        made = compiled(scene, name)
+        _check_rate(model, motion, name)
+        first = made.live.begin(motion)
         return Stream(
             first.x,
             first.state,
-            lambda state, x: step(model.params, state, x),
-            lambda state, x: run(model.params, state, x),
+            lambda state, x: made.step(model.params, state, x),
+            lambda state, x: made.run(model.params, state, x),
             first.root,
             first.yaw,
         )
@@ -65,10 +82,12 @@ def make_runner(model: Model, live_on: Callable[[Model, Scene, str], Live]) -> R
             yield finish(V, start)
 
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
-        live, begun = _begin(model, live_on, scene, motions, name)
-        run = jax.jit(live.rollout)
+        made = compiled(scene, name)
+        for motion in motions:
+            _check_rate(model, motion, name)
+        begun = [made.live.begin(motion) for motion in motions]
         x, state = side_by_side([b.x for b in begun]), stacked([b.state for b in begun], axis=0)
-        pieces = _chunks(lambda state, x: run(model.params, state, x), state, x, chunk)
+        pieces = _chunks(lambda state, x: made.run(model.params, state, x), state, x, chunk)
         V = np.concatenate([np.asarray(piece) for _, piece in pieces])
         return [V[: len(b.root), i] for i, b in enumerate(begun)]
 
@@ -97,21 +116,11 @@ def _extended(x: Any, frames: int) -> Any:
     )
 
 
-def _begin(
-    model: Model,
-    live_on: Callable[[Model, Scene, str], Live],
-    scene: Scene,
-    motions: Sequence[Motion],
-    name: str,
-) -> tuple[Live, list[Beginning]]:
-    for motion in motions:
-        if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
-            raise ValueError(
-                f"{name} has {motion.fps:g} fps and the method was trained at {model.fps:g}; "
-                "resample the motion."
-            )
-    live = live_on(model, scene, name)
-    return live, [live.begin(motion) for motion in motions]
+def _check_rate(model: Model, motion: Motion, name: str) -> None:
+    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
+        raise ValueError(
+            f"{name} has {motion.fps:g} fps and the method was trained at {model.fps:g}; resample the motion."
+        )
 
 
 def _chunks(

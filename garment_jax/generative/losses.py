@@ -42,10 +42,13 @@ def generative_terms(
     template: Template,
     config: GenerativeConfig,
 ) -> dict[str, jax.Array]:
-    """Return the weighted terms of L = L_geo + L_rec + L_reg for each frame; their sum is the loss."""
+    """Return the weighted terms of L = L_geo + L_rec + L_reg for each frame; their sum is the loss.
+
+    Without decomposition there is no unposed garment to compare: L_geo and the KL term alone.
+    """
     E = decoded.V - V_star
     offset = decoded.T_tilde - jnp.broadcast_to(template.T, decoded.T_tilde.shape)
-    return {
+    terms = {
         "vertex": size_of(E, config.norm),
         # the operator is linear: one Laplacian of the difference instead of two
         "laplacian": config.lambda_laplacian * size_of(laplacian(E, template.laplacian), config.norm),
@@ -53,3 +56,4 @@ def generative_terms(
         "template": config.lambda_template * size_of(offset, config.norm),
         "kl": config.lambda_kl * kl_per_dimension(code).sum(axis=-1),
     }
+    return terms if config.decomposition else {k: terms[k] for k in ("vertex", "laplacian", "kl")}

@@ -1,6 +1,8 @@
 """Networks of the garment generative model behind pure functions (paper 3.2).
 
 `V = T_tilde + I_dyn`: D_rec decodes the unposed garment from z_s, D_dyn the dynamic offset from z_d.
+Without decomposition (`config.decomposition` off, the ablation and the paper's Fig. 4) there is one decoder,
+D_dyn, which is symmetric to E_gen and puts out positions from the whole of Z.
 """
 
 from typing import NamedTuple
@@ -62,7 +64,7 @@ class UnposedDecoder(nn.Module):
 def networks(config: GenerativeConfig, n: int, size: int) -> dict[str, nn.Module]:
     """Return the modules by the paper's names, for `n` vertices and UV maps of `size` texels a side."""
     begun = config.linear_skip
-    return {
+    modules: dict[str, nn.Module] = {
         "E_gen": MapEncoder(
             config.channels,
             2 * config.latent_dim,
@@ -78,6 +80,7 @@ def networks(config: GenerativeConfig, n: int, size: int) -> dict[str, nn.Module
             config.channels, size, config.instance_norm, skip=begun, output_scale=0.0 if begun else 1.0
         ),
     }
+    return modules if config.decomposition else {name: modules[name] for name in ("E_gen", "D_dyn")}
 
 
 def init_generative(key: jax.Array, template: Template, *, config: GenerativeConfig) -> dict:
@@ -88,12 +91,14 @@ def init_generative(key: jax.Array, template: Template, *, config: GenerativeCon
         "split_s": jnp.zeros(config.latent_dim),
         "split_d": jnp.zeros(config.latent_dim),
         "D_rec": jnp.zeros(config.part_dim),
-        "D_dyn": jnp.zeros(config.part_dim),
+        "D_dyn": jnp.zeros(config.part_dim if config.decomposition else config.latent_dim),
     }
     modules = networks(config, n, size)
     keys = dict(zip(inputs, jax.random.split(key, len(inputs)), strict=True))
     # jitted: initialising operation by operation compiles hundreds of small programs
-    return {name: jax.jit(modules[name].init)(keys[name], x)["params"] for name, x in inputs.items()}
+    return {
+        name: jax.jit(module.init)(keys[name], inputs[name])["params"] for name, module in modules.items()
+    }
 
 
 def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, "*b h w 3"]:
@@ -114,12 +119,19 @@ def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, confi
 def decode(
     params: dict, Z: Float[Array, "*b latent"], *, template: Template, config: GenerativeConfig
 ) -> Decoded:
-    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame."""
+    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame.
+
+    Without decomposition V = D_dyn(Z), and T_tilde is the template.
+    """
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
 
     def apply(name: str, x: jax.Array) -> jax.Array:
         return jnp.asarray(modules[name].apply({"params": params[name]}, x))
 
+    if not config.decomposition:
+        V = CENTIMETRE * from_map(apply("D_dyn", Z), template.atlas)
+        T = jnp.broadcast_to(template.T, V.shape)
+        return Decoded(V, T, V - T)
     z_s, z_d = apply("split_s", Z), apply("split_d", Z)
     offset = CENTIMETRE * apply("D_rec", z_s)
     T_tilde = jnp.broadcast_to(template.T, offset.shape) + offset

@@ -81,11 +81,14 @@ def begin_linear(
 ) -> dict:
     """Return `params` with the linear paths set from training frames `V`, `T_tilde` `[F, n, 3]` metres."""
     model = fit_linear_model(V, T_tilde, config.latent_dim)
-    P_s, A_s, P_d, A_d = split_parts(model, config.part_dim, max(config.lambda_unposed, 1e-3))
     new = jax.tree.map(np.array, params)
-    new["split_s"]["kernel"], new["split_d"]["kernel"] = A_s.T, A_d.T
-    _begin_rec(new["D_rec"], model, P_s, template)
-    _begin_dyn(new["D_dyn"], model, P_d, template)
+    if config.decomposition:
+        P_s, A_s, P_d, A_d = split_parts(model, config.part_dim, max(config.lambda_unposed, 1e-3))
+        new["split_s"]["kernel"], new["split_d"]["kernel"] = A_s.T, A_d.T
+        _begin_rec(new["D_rec"], model, P_s, template)
+        _begin_dyn(new["D_dyn"], P_d, model.mean_V - model.mean_T_tilde, template)
+    else:
+        _begin_dyn(new["D_dyn"], model.V_modes, model.mean_V, template)
     _begin_encoder(new["E_gen"], V, model, template, config)
     return jax.tree.map(lambda a, b: jnp.asarray(a, b.dtype), new, params)
 
@@ -106,8 +109,8 @@ def _begin_rec(rec: dict, model: LinearModel, P_s: np.ndarray, template: Templat
     rec["skip"]["kernel"] = np.eye(part_dim, len(kernel))
 
 
-def _begin_dyn(dyn: dict, model: LinearModel, P_d: np.ndarray, template: Template) -> None:
-    fields = np.concatenate([P_d.T, (model.mean_V - model.mean_T_tilde)[None]])
+def _begin_dyn(dyn: dict, modes: np.ndarray, mean: np.ndarray, template: Template) -> None:
+    fields = np.concatenate([modes.T, mean[None]])
     fields = 100 * fields.reshape(len(fields), -1, 3)
     maps = np.asarray(to_map(jnp.asarray(fields, jnp.float32), template.atlas)).reshape(len(fields), -1)
     dyn["skip"]["kernel"], dyn["skip"]["bias"] = maps[:-1], maps[-1]
@@ -142,4 +145,5 @@ def _posterior_variance(model: LinearModel, template: Template, config: Generati
         ]
     )
     gain = 1e4 * gain / len(template.T)
-    return config.lambda_kl / (config.lambda_kl + 2 * gain)
+    # without a KL term the balance is at no variance at all, whose logarithm is no number
+    return np.maximum(config.lambda_kl / (config.lambda_kl + 2 * gain), np.exp(-20.0))

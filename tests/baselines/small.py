@@ -21,6 +21,7 @@ BASELINES = BaselinesConfig(
     bones=6,
     pan_gru=8,
     pan_steps=8,
+    pan_residual_gru=6,
     pan_residual_steps=8,
     decoder_steps=8,
 )

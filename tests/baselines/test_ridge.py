@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -61,12 +62,11 @@ def test_a_rollout_is_the_loop_that_one_would_write(past: bool) -> None:
         c.append(new)
         expected.append((new * params["deviation"]) @ params["basis"] + params["mean"])
     single = jax.tree.map(np.float32, params)
-    last, V = jax.jit(rollout)(single, np.float32(state), np.float32(x))
+    begin, rows = jnp.asarray(state, jnp.float32), jnp.asarray(x, jnp.float32)
+    last, V = jax.jit(rollout)(single, begin, rows)
     np.testing.assert_allclose(V, expected, atol=1e-4)
     np.testing.assert_allclose(last, [c[-1], c[-2]] if past else state, atol=1e-5)
-    both = jax.jit(rollout)(
-        single, np.float32(state)[:, None].repeat(3, 1), np.float32(x)[:, None].repeat(3, 1)
-    )
+    both = jax.jit(rollout)(single, begin[:, None].repeat(3, 1), rows[:, None].repeat(3, 1))
     np.testing.assert_allclose(both[1][:, 2], expected, atol=1e-4)
 
 

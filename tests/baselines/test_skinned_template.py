@@ -1,5 +1,6 @@
 """The template carried by its seeds, against a rollout's start, through every door of the interface."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from garment_jax.baselines import METHODS, Runner
 from garment_jax.body.root_frame import from_root
 from garment_jax.body.seeds import make_seeds
-from garment_jax.config import Config, RolloutConfig
+from garment_jax.config import RolloutConfig
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.start import make_skinned_template
 from tests.baselines.small import MOTION, SMALL, animated, fitted, looped, shortened, whole, write_data
@@ -53,16 +54,20 @@ def test_the_world_has_the_pins_where_the_body_holds_them(runner: Runner) -> Non
     assert runner.parameters == 0
 
 
-def test_a_folder_without_a_fit_and_a_folder_of_another_method_are_refused(
-    folder: Path, runner: Runner, tmp_path: Path
-) -> None:
+def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="holds no fitted baseline yet; fit it first"):
         METHODS["skinned_template"].load(tmp_path)
-    other = SMALL.__class__(**{**SMALL.__dict__, "rollout": RolloutConfig(chunk=3)})
-    METHODS["skinned_template"].fit(other, folder / "skinned_template", folder)  # learns the same
-    wrong = SMALL.__class__(**{**SMALL.__dict__, "baselines": Config().baselines})
+
+
+def test_a_fit_goes_into_its_own_folder_alone(folder: Path) -> None:
+    fitted("ridge", folder)
+    run, fit = folder / "ridge", METHODS["ridge"].fit
+    fit(replace(SMALL, rollout=RolloutConfig(chunk=3)), run, folder)  # learns the same
     with pytest.raises(ValueError, match=r"belongs to another run \(baselines = .*use another --run-dir"):
-        METHODS["skinned_template"].fit(wrong, folder / "skinned_template", folder)
+        fit(replace(SMALL, baselines=replace(SMALL.baselines, ridge=1.0)), run, folder)
+    fit(replace(SMALL, baselines=replace(SMALL.baselines, bones=9)), run, folder)  # what it does not read
+    with pytest.raises(ValueError, match=r"belongs to another run \(method = 'ridge', not 'ridge_static'"):
+        METHODS["ridge_static"].fit(SMALL, run, folder)
 
 
 def test_another_frame_rate_is_refused(runner: Runner) -> None:

@@ -1,0 +1,31 @@
+"""A garment carried by the body's joints: each vertex with the weights of the closest body vertex (host)."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from garment_jax.body.kinematics import joint_positions
+from garment_jax.body.root_frame import heading, to_root, yaw_matrix
+from garment_jax.structs import Motion, Scene
+
+
+def closest_weights(scene: Scene) -> np.ndarray:
+    """Return the skinning weights `[n, j]` of the body vertex closest to each vertex of the template.
+
+    Of those that the collider has, where there is one: arms at rest hang nearer to a wide skirt than legs.
+    """
+    body = scene.body
+    vertices = np.arange(len(body.vertices)) if scene.collider is None else scene.collider.body_vertices
+    nearest = KDTree(body.vertices[vertices]).query(scene.garment.template)[1]
+    return body.skin_weights[vertices[nearest]].astype(np.float32)
+
+
+def joint_transforms(motion: Motion, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return R `[t, j, 3, 3]` and t `[t, j, 3]` metres: canonical root frame -> posed root frame; float32."""
+    body = scene.body
+    rotations, root = motion.rotations.astype(np.float64), motion.root.astype(np.float64)
+    yaw = heading(rotations[:, 0])
+    positions = to_root(joint_positions(rotations, root, body), root, yaw)
+    R = yaw_matrix(-yaw)[:, None] @ rotations
+    rest = (body.joints - body.joints[0]).astype(np.float64)
+    t = positions - np.einsum("tjab,jb->tja", R, rest)
+    return R.astype(np.float32), t.astype(np.float32)

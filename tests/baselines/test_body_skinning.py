@@ -1,0 +1,45 @@
+"""Skinning by the closest body vertex, against the body itself and a NumPy loop."""
+
+import jax
+import numpy as np
+
+from garment_jax.baselines.body_skinning import closest_weights, joint_transforms
+from garment_jax.baselines.santesteban import unposed
+from garment_jax.body.kinematics import pose_body
+from garment_jax.body.root_frame import heading, to_root
+from garment_jax.geometry.skinning import skin
+from tests.baselines.small import MOTION
+from tests.rollout.tiny_model import SCENE
+
+
+def test_the_body_skinned_by_joint_transforms_is_the_body() -> None:
+    R, t = joint_transforms(MOTION, SCENE)
+    body, frame = SCENE.body, 7
+    x = body.vertices - body.joints[0]
+    expected = np.zeros(x.shape)
+    for j in range(len(body.joints)):
+        expected += body.skin_weights[:, j : j + 1] * (x @ R[frame, j].T + t[frame, j])
+    yaw = heading(MOTION.rotations[:, 0])
+    world = pose_body(body, MOTION, slice(None)).astype(np.float64)
+    np.testing.assert_allclose(
+        expected, to_root(world, MOTION.root.astype(np.float64), yaw)[frame], atol=1e-5
+    )
+    np.testing.assert_allclose(jax.jit(skin)(x, body.skin_weights, R[frame], t[frame]), expected, atol=1e-5)
+
+
+def test_weights_are_those_of_the_closest_vertex_that_the_cloth_can_touch() -> None:
+    assert SCENE.collider is not None
+    W = closest_weights(SCENE)
+    allowed = SCENE.collider.body_vertices
+    for i in (0, 40, 127):
+        away = [np.linalg.norm(SCENE.body.vertices[k] - SCENE.garment.template[i]) for k in allowed]
+        np.testing.assert_array_equal(W[i], SCENE.body.skin_weights[allowed[int(np.argmin(away))]])
+
+
+def test_unposing_undoes_posing() -> None:
+    R, t = joint_transforms(MOTION, SCENE)
+    W = closest_weights(SCENE)
+    T = SCENE.garment.template - SCENE.body.joints[0]
+    posed = jax.jit(jax.vmap(skin, (None, None, 0, 0)))(T, W, R, t)
+    back = np.asarray(unposed(posed, W, R, t))
+    np.testing.assert_allclose(back, np.broadcast_to(T, back.shape), atol=1e-4)
