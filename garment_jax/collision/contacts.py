@@ -13,18 +13,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.result import CollisionState
+from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.closest_point import closest_point_on
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
+from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import (
     PosedSurface,
-    box_gap_squared,
-    distance_to,
+    branch_gap_squared,
+    branches_within,
+    distance_to_corner,
     group_boxes,
     search,
 )
-from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 
-ANSWERS = 256  # vertices whose correspondence is made at a time
+ANSWERS = 128  # vertices whose correspondence is made at a time
 
 
 class Contacts(NamedTuple):
@@ -37,85 +39,99 @@ class Contacts(NamedTuple):
     direction: jax.Array  # [m, 3] unit gradient of ds; 0 where not known
 
 
+def branch_gaps(
+    local: Float[Array, "n 3"], surface: PosedSurface, tables: CollisionTables
+) -> Float[Array, "g w"]:
+    """Return the squared distances of the groups' boxes to the branches'."""
+    groups = jnp.asarray(tables.groups)
+    points = local.T[:, groups].transpose(1, 0, 2)
+    return branch_gap_squared(*group_boxes(points, jnp.ones(groups.shape, bool)), surface)
+
+
 def crossing_limit(
+    gap_squared: Float[Array, "g w"],
     V: Float[Array, "n 3"],
     state: CollisionState,
     surface: PosedSurface,
-    tables: SurfaceTables,
-    groups: Int[Array, "g s"],
+    tables: CollisionTables,
 ) -> Float[Array, " n"]:
     """Return how near the surface must be to a vertex that was outside for it to be inside now (metres).
 
     If it crossed a part of the surface on a straight way since the last frame, it is no farther from
     that part than the two have moved against each other.
     """
-    step, reach = _movement((V - state.V)[groups].transpose(1, 0, 2))
+    step, reach = _movement((V - state.V).T[:, jnp.asarray(tables.groups).T])
     body = surface.vertices + surface.origin[None] - state.collider
-    faces = jnp.asarray(tables.faces).reshape(-1, 3 * LEAF * BRANCH)
-    branch_step, branch_reach = _movement(body[faces.T])
-    low, high = surface.middle - surface.half, surface.middle + surface.half
-    low, high = low.reshape(-1, BRANCH, 3).min(axis=1), high.reshape(-1, BRANCH, 3).max(axis=1)
-    local = (V - surface.origin[None])[groups]
-    middle, half = group_boxes(local, jnp.ones(groups.shape, bool))
-    gap = box_gap_squared(middle[:, None], half[:, None], (low + high)[None] / 2, (high - low)[None] / 2)
-    apart = step[:, None] - branch_step[None]
-    apart = jnp.sqrt((apart * apart).sum(axis=-1)) + reach[:, None] + branch_reach[None]
-    limit = jnp.where(gap <= apart * apart, apart, 0.0).max(axis=1)
-    # padding repeats a vertex, within its own group
-    return jnp.zeros(len(V), V.dtype).at[groups].set(jnp.broadcast_to(limit[:, None], groups.shape))
+    branch_step, branch_reach = _movement(body.T[:, jnp.asarray(tables.surface.branches).T])
+    apart = jnp.zeros(())
+    for x in range(3):
+        apart = apart + (step[x, :, None] - branch_step[x][None]) ** 2
+    apart = jnp.sqrt(apart) + reach[:, None] + branch_reach[None]
+    gap_squared = gap_squared[:, : len(branch_reach)]
+    return of_group(jnp.where(gap_squared <= apart * apart, apart, 0.0).max(axis=1), tables)
 
 
-def probed(frame: Int[Array, ""], groups: Int[Array, "g s"], n: int) -> Bool[Array, " n"]:
+def of_group(values: Array, tables: CollisionTables) -> Array:
+    """Return the value `[n]` of each vertex' group, of `[g]`."""
+    return values[jnp.asarray(tables.slot) // tables.groups.shape[1]]
+
+
+def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
     """Return the vertices searched in this frame whatever is known: every one once in s^2 frames."""
-    g, s = groups.shape
-    turn = (jnp.arange(g) % s) == frame % s
-    which = jnp.where(turn, groups[:, (frame // s) % s], n)
-    return jnp.zeros(n, bool).at[which].set(True, mode="drop")
+    s, slot = tables.groups.shape[1], jnp.asarray(tables.slot)
+    group, member = slot // s, slot % s
+    return (group % s == frame % s) & (member == (frame // s) % s)
 
 
-def _movement(steps: Float[Array, "k b 3"]) -> tuple[Array, Array]:
-    """Return the mean step `[b, 3]` of `k` points each and how far a step differs from it at most `[b]`."""
-    mean = steps.mean(axis=0)
-    return mean, jnp.sqrt(((steps - mean[None]) ** 2).sum(axis=-1).max(axis=0))
+def _movement(steps: Float[Array, "3 k b"]) -> tuple[Array, Array]:
+    """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
+    steps = materialised(steps)  # gathered once, not for both reductions
+    mean = steps.mean(axis=1)
+    return mean, jnp.sqrt(((steps - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
 
 
 def find_contacts(
-    local: Float[Array, "m 3"],
+    local: Float[Array, "n 3"],
     last: Contacts,
-    limit: Float[Array, " m"],
-    groups: Int[Array, "g s"],
+    limit: Float[Array, " n"],
+    moved: Float[Array, " n"],
+    gap_squared: Float[Array, "g w"],
     surface: PosedSurface,
-    tables: SurfaceTables,
+    tables: CollisionTables,
 ) -> Contacts:
     """Return the contacts with those asked for (`limit` >= 0) made anew; the rest stays as it was.
 
+    `moved`: how far each vertex is from where `gap_squared` was taken (`branch_gaps`).
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
     and then is so by `limit`.
     """
-    asked = limit >= 0
-    bound = jnp.where(asked, jnp.minimum(limit, distance_to(last.triangle, local, surface)), -1.0)
-    found = search(local[groups], bound[groups], surface)
-    triangle = last.triangle.at[groups].set(
-        jnp.where(found.triangle < 0, last.triangle[groups], found.triangle)
-    )
-    near = jnp.zeros(len(local), bool).at[groups].set(found.triangle >= 0)
+    asked, groups = limit >= 0, jnp.asarray(tables.groups)
+    bound = distance_to_corner(last.triangle, local, surface, tables.surface)
+    bound = jnp.where(asked, jnp.minimum(limit, bound), -1.0)
+    here = bound[groups]
+    widest = jnp.where(here < 0, -1.0, here + moved[groups]).max(axis=1)
+    words = branches_within(gap_squared, widest)
+    found = search(local[groups], here, surface, tables.surface, words).triangle
+    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
+    near = found >= 0
+    triangle = jnp.where(near, found, last.triangle)
     ds = jnp.where(asked & ~near, limit, last.ds)
     known = jnp.where(asked, near, last.known)
     return _answers(Contacts(triangle, ds, known, last.point, last.direction), near, local, surface, tables)
 
 
-def _answers(contacts, wanted: Bool[Array, " m"], local, surface, tables) -> Contacts:
+def _answers(contacts, wanted: Bool[Array, " n"], local, surface, tables: CollisionTables) -> Contacts:
     """Return the contacts with the wanted correspondences made, a chunk at a time: few are wanted."""
-    m = len(local)
-    words = pack_words(jnp.pad(wanted, (0, -m % WORD)).reshape(-1, 1, WORD))
+    n = len(local)
+    words = pack_words(jnp.pad(wanted, (0, -n % WORD)).reshape(-1, 1, WORD))
     up_to = marked_up_to(words)
 
     def chunk(state):
         at, made = state
         word, bit, valid = select(at, ANSWERS, words, up_to)
-        which = jnp.where(valid, word * WORD + bit, m)
-        here = jnp.minimum(which, m - 1)
-        answer = closest_point_on(made.triangle[here], local[here], surface, tables)
+        which = jnp.where(valid, word * WORD + bit, n)
+        here = jnp.minimum(which, n - 1)
+        answer = closest_point_on(made.triangle[here], local[here], surface, tables.surface)
         ds = made.ds.at[which].set(answer.ds, mode="drop")
         point = made.point.at[which].set(answer.point - surface.origin[None], mode="drop")
         direction = made.direction.at[which].set(answer.direction, mode="drop")

@@ -6,7 +6,8 @@ from jaxtyping import Array, Float
 
 from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.result import CollisionState
-from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
+from garment_jax.geometry.closest_point import ClosestPoint
+from garment_jax.geometry.surface_search import nearest_leaf, pose_surface
 from garment_jax.geometry.surface_tables import SurfaceTables
 
 
@@ -14,9 +15,11 @@ from garment_jax.geometry.surface_tables import SurfaceTables
 def initial_state(
     V: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], surface: SurfaceTables
 ) -> CollisionState:
-    """Return the state for a first frame, from nothing: several times the cost of a following frame."""
-    at = closest_point_exact(V, collider_vertices, surface)
-    return CollisionState(at.triangle, V, collider_vertices, at.ds >= 0, jnp.zeros_like(V), jnp.int32(0))
+    """Return the state for a first frame: nothing is known, so it searches every vertex without a limit."""
+    posed = pose_surface(collider_vertices, surface)
+    triangle = nearest_leaf(V - posed.origin[None], posed, surface)
+    nobody = jnp.zeros(len(V), bool)
+    return CollisionState(triangle, V, collider_vertices, nobody, jnp.zeros_like(V), jnp.int32(0))
 
 
 def lift(V: Float[Array, "n 3"], at: ClosestPoint | Contacts, eps: float | Array) -> Float[Array, " n"]:

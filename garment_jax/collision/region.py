@@ -8,6 +8,21 @@ from jaxtyping import Array, Bool, Float
 
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
+from garment_jax.geometry.stencil import materialised
+
+UNROLLED = 16  # neighbours up to which a sum over them is written out, at half the time of a reduction
+
+
+BLOCK = 256  # members whose energy is added up at a time
+
+
+class Members(NamedTuple):
+    """Which vertices take part in a solve, before anything is gathered; `whole` is n in full words."""
+
+    moving: jax.Array  # [n] bool
+    vertex: jax.Array  # [whole] int32 those that move and their one-rings, group after group
+    local: jax.Array  # [n] int32 place in `vertex`, `whole` for all others
+    count: jax.Array  # [] int32
 
 
 class Region(NamedTuple):
@@ -16,10 +31,10 @@ class Region(NamedTuple):
     vertex: jax.Array  # [m] int32 garment vertex
     own: jax.Array  # [m] bool, False for an unused slot
     moving: jax.Array  # [m] bool
-    index: jax.Array  # [m, k] int32 local one-ring
-    weight: jax.Array  # [m, k]
-    weight_back: jax.Array  # [m, k]
-    total: jax.Array  # [m] sum of a row of weight: 1, or 0 for a lone vertex or an unused slot
+    index: jax.Array  # [3, k, m] int32 places of the local one-ring's x, y, z in padded planes [3, m + 1]
+    weight: jax.Array  # [k, m]
+    weight_back: jax.Array  # [k, m]
+    total: jax.Array  # [m] sum of a vertex' weights: 1, or 0 for a lone vertex or an unused slot
 
 
 def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array) -> Bool[Array, " n"]:
@@ -28,34 +43,70 @@ def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array)
     return jax.lax.fori_loop(0, rings, lambda _, m: m | m[index].any(axis=1), mask)
 
 
-def make_region(touched: Array, moving: Array, tables: CollisionTables, size: int) -> Region:
-    """Return the region of the `touched` vertices `[n]`, which must be `size` (a multiple of 32) at most.
-
-    It holds all one-rings of the moving vertices, so that its energy's gradient is the whole mesh's.
-    """
+def whole_size(tables: CollisionTables) -> int:
+    """Return the slots of a region that holds the whole garment."""
     n = len(tables.index)
-    order = jnp.asarray(tables.order)
+    return n + -n % WORD
+
+
+def nobody(tables: CollisionTables) -> Members:
+    """Return the members of no solve at all."""
+    n, whole = len(tables.index), whole_size(tables)
+    none = jnp.zeros(n, jnp.int32)
+    return Members(jnp.zeros(n, bool), jnp.zeros(whole, jnp.int32), none, jnp.int32(0))
+
+
+def find_members(moving: Bool[Array, " n"], tables: CollisionTables) -> Members:
+    """Return the moving vertices and their one-rings: an energy on these has the whole mesh's gradient."""
+    n, whole = len(tables.index), whole_size(tables)
+    touched, order = dilate(moving, tables, 1), jnp.asarray(tables.order)
     words = pack_words(jnp.pad(touched[order], (0, -n % WORD)).reshape(-1, 1, WORD))
-    word, place, own = select(0, size, words, marked_up_to(words))
+    word, place, own = select(0, whole, words, marked_up_to(words))
     vertex = order[jnp.minimum(word * WORD + place, n - 1)]
-    local = jnp.full(n, size, jnp.int32)
-    local = local.at[jnp.where(own, vertex, n)].set(jnp.arange(size, dtype=jnp.int32), mode="drop")
+    local = jnp.full(n, whole, jnp.int32)
+    local = local.at[jnp.where(own, vertex, n)].set(jnp.arange(whole, dtype=jnp.int32), mode="drop")
+    return Members(moving, vertex, local, touched.sum().astype(jnp.int32))
+
+
+def make_region(members: Members, tables: CollisionTables, size: int) -> Region:
+    """Return the region of the members, which must be `size` at most."""
+    vertex, own = members.vertex[:size], jnp.arange(size) < members.count
     weight, back = (
-        jnp.where(own[:, None], jnp.asarray(w)[vertex], 0.0) for w in (tables.weight, tables.weight_back)
+        jnp.where(own[None], jnp.asarray(w)[vertex].T, 0.0) for w in (tables.weight, tables.weight_back)
     )
-    index = local[jnp.asarray(tables.index)[vertex]]
-    return Region(vertex, own, own & moving[vertex], index, weight, back, weight.sum(axis=1))
+    index = jnp.minimum(members.local, size)[jnp.asarray(tables.index)[vertex].T]
+    return Region(vertex, own, own & members.moving[vertex], _places(index), weight, back, weight.sum(axis=0))
 
 
-def smoothness(x: Float[Array, "m 3"], region: Region) -> Float[Array, ""]:
-    """Return 1/2 ||Lap x||^2 for a displacement `x` (metres; zero outside the region)."""
+def _places(index: Array) -> Array:
+    """Return the places of x, y, z `[3, k, m]` of the one-ring `[k, m]` in flat planes of m + 1 numbers."""
+    planes = (index.shape[1] + 1) * jnp.arange(3, dtype=jnp.int32)
+    return planes[:, None, None] + index[None]
+
+
+def smoothness(x: Float[Array, "3 m"], region: Region) -> Float[Array, ""]:
+    """Return 1/2 ||Lap x||^2 for a displacement `x` (metres, coordinates first; zero outside the region)."""
     r = stretch(x, region.index, region.weight, region.weight_back, region.total)
     return 0.5 * (r * r).sum()
 
 
+def displacement_norm(x: Float[Array, "n 3"], members: Members, tables: CollisionTables) -> Float[Array, ""]:
+    """Return ||Lap x|| over the whole garment; it is zero outside the members."""
+    index, weight = jnp.asarray(tables.index), jnp.asarray(tables.weight)
+
+    def block(k, total):
+        slot = k * BLOCK + jnp.arange(BLOCK)
+        vertex = members.vertex[jnp.minimum(slot, len(members.vertex) - 1)]
+        r = ((x[index[vertex]] - x[vertex][:, None]) * weight[vertex][..., None]).sum(axis=1)
+        return total + jnp.where((slot < members.count)[:, None], r * r, 0.0).sum()
+
+    blocks = -(-members.count // BLOCK)
+    return jnp.sqrt(jax.lax.fori_loop(0, blocks, block, jnp.zeros((), x.dtype)))
+
+
 @jax.custom_vjp
 def stretch(x, index, weight, weight_back, total) -> Array:
-    """Return the Laplacian `[m, 3]` of `x`; its gradient is a gather with the transposed weights.
+    """Return the Laplacian `[3, m]` of `x`; its gradient is a gather with the transposed weights.
 
     Differentiated by itself the gather would become a scatter, several times slower on a CPU.
     """
@@ -63,8 +114,15 @@ def stretch(x, index, weight, weight_back, total) -> Array:
 
 
 def _apply(x, index, weight, total):
-    padded = jnp.concatenate([x, jnp.zeros((1, 3), x.dtype)])
-    return (padded[index] * weight[..., None]).sum(axis=1) - total[:, None] * x
+    # what made x would be computed anew for every neighbour
+    flat = materialised(jnp.pad(x, ((0, 0), (0, 1)))).reshape(-1)
+    around = flat.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    if index.shape[1] > UNROLLED:
+        return (around * weight[None]).sum(axis=1) - total[None] * x
+    away = -total[None] * x
+    for k in range(index.shape[1]):
+        away = away + weight[k][None] * around[:, k]
+    return away
 
 
 def _forward(x, index, weight, weight_back, total):

@@ -6,7 +6,6 @@ sum max(eps - ds, 0) is a constraint, met by projection, so that nothing trades 
 Only the neighbourhood of a contact moves; the rest of the garment comes back bitwise unchanged.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -14,12 +13,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.collision.contacts import Contacts, crossing_limit, find_contacts, probed
-from garment_jax.collision.projection import lift
-from garment_jax.collision.region import Region, dilate, make_region, smoothness
+from garment_jax.collision.contacts import (
+    Contacts,
+    branch_gaps,
+    crossing_limit,
+    find_contacts,
+    of_group,
+    probed,
+)
+from garment_jax.collision.descent import Iterate, advance
+from garment_jax.collision.region import Members, dilate, displacement_norm, find_members, nobody
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
 from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.marked import WORD
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 
 FAR = 5e-3  # metres after which a bound from before is not trusted
@@ -27,7 +32,7 @@ PROBE = 0.05  # metres: how deep a vertex may be that is inside unnoticed and fo
 
 
 class CollisionOptions(NamedTuple):
-    """Settings of the solver. Lengths in metres; all may be traced but `small`, a size."""
+    """Settings of the solver. Lengths in metres; all may be traced but `sizes`."""
 
     eps: float = 1e-3  # margin outside the body
     slack: float = 0.05  # part of the margin that may be missing: the surface's curvature, and float32
@@ -37,19 +42,37 @@ class CollisionOptions(NamedTuple):
     tolerance: float = 5e-4  # largest movement between two searches that counts as standing still
     projections: int = 8  # projections at the end at most, each with new correspondences
     rings: int = 4  # edges from a contact to the last vertex that may move
-    small: int = 768  # vertices in the small solve, in 32s; a larger region takes the whole garment
+    sizes: tuple[int, ...] = (256, 768, 1536)  # of regions; beyond them one takes the whole garment
 
 
 class _Progress(NamedTuple):
-    """The carry of the outer loop: descend first, then push out what is left inside."""
+    """The carry of a frame's loop: search, descend, search, ..., push out what is left inside, search.
 
-    x: jax.Array  # [m, 3] displacement from V_f
-    y: jax.Array  # [m, 3] the same, extrapolated
-    theta: jax.Array  # [] Nesterov's sequence
-    at: Contacts  # correspondences of x
+    All of it shares one search: what compiles once costs a third, and a frame without contact leaves
+    after the first.
+    """
+
+    now: Iterate
+    at: Contacts  # correspondences of the displacement `searched`
+    searched: jax.Array  # [n, 3]
+    members: Members
+    searches: jax.Array  # [] int32
     steps: jax.Array  # [] int32 gradient steps taken
     moved: jax.Array  # [] metres, between the last two searches of the descent
     pushes: jax.Array  # [] int32 projections since the descent ended
+    deepest: jax.Array  # [] metres, at the first search
+    inside: jax.Array  # [n] bool, at the first search
+
+
+class _Frame(NamedTuple):
+    """What does not change during a frame."""
+
+    local: jax.Array  # [n, 3] V_f with its pins, relative to the surface's origin
+    free: jax.Array  # [n] bool, not pinned
+    limit: jax.Array  # [n] metres, of the first search
+    correction: jax.Array  # [n, 3] the last frame's
+    gap_squared: jax.Array  # [g, w] of the groups and the surface's branches
+    surface: PosedSurface
 
 
 def resolve_collisions(
@@ -73,82 +96,45 @@ def resolve_collisions(
     free = jnp.ones(len(V), bool) if pins is None else jnp.ones(len(V), bool).at[pins].set(False)
     finite = jnp.isfinite(V).all() & jnp.isfinite(collider_vertices).all()
     surface = pose_surface(collider_vertices, tables.surface)
-    probe = probed(state.frame, jnp.asarray(tables.groups), len(V))
-    at = _detect(V, free & finite, probe, state, surface, tables, options)
-    contact = free & at.known & (at.ds < options.eps * (1 - options.slack))
-    before = _depth(at, free)
+    probe, local = probed(state.frame, tables), V - surface.origin[None]
+    gaps = branch_gaps(local, surface, tables)
+    limit = _first_limit(V, gaps, probe, state, surface, tables, options)
+    limit = jnp.where(free & finite, limit, -1.0)
+    end = _iterate(_Frame(local, free, limit, state.correction, gaps, surface), state, tables, options)
 
-    def solve():
-        return _solve(V, at, contact, free, state.correction, surface, tables, options)
-
-    def leave():
-        outcome = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE).astype(jnp.int32)
-        return V, at, jnp.int32(0), jnp.zeros((), V.dtype), outcome
-
-    before_ds = at.ds
-    V_out, at, steps, objective, outcome = jax.lax.cond(contact.any(), solve, leave)
-    after = _depth(at, free)
+    solved = end.members.count > 0
+    V_out = jnp.where(end.members.moving[:, None], V + end.now.x, V)
+    objective = displacement_norm(end.now.x, end.members, tables)
+    untouched = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE).astype(jnp.int32)
+    outcome = jnp.where(solved, _outcome(end.at, free, end.moved <= options.tolerance, options), untouched)
     converged = (outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED)
+    deepest, inside = _depth(end.at, free)
+    before, after = end.inside.sum().astype(jnp.int32), inside.sum().astype(jnp.int32)
     result = CollisionResult(
-        V_out, before[0], after[0], before[1], after[1], steps, objective, converged, outcome
+        V_out, end.deepest, deepest, before, after, end.steps, objective, converged, outcome
     )
-    outside = ~at.known | (at.ds >= 0)
-    outside = outside & ~_betrayed(probe & state.outside & (before_ds < 0), tables)
-    following = CollisionState(at.triangle, V_out, collider_vertices, outside, V_out - V, state.frame + 1)
+    outside = ~end.at.known | (end.at.ds >= 0)
+    outside = outside & ~_betrayed(probe & state.outside & end.inside, tables)
+    following = CollisionState(end.at.triangle, V_out, collider_vertices, outside, V_out - V, state.frame + 1)
     return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
-def _detect(V, asked, probe, state, surface, tables, options) -> Contacts:
-    """Return what is within the margin, or may have crossed the surface since the last frame."""
-    groups = jnp.asarray(tables.groups)
-    limit = crossing_limit(V, state, surface, tables.surface, groups)
+def _first_limit(V, gaps, probe, state, surface, tables, options) -> Array:
+    """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
+    limit = crossing_limit(gaps, V, state, surface, tables)
     limit = jnp.maximum(limit, jnp.where(probe, PROBE, options.eps + options.reach))
-    limit = jnp.where(asked, jnp.where(state.outside, limit, jnp.inf), -1.0)
-    zero = jnp.zeros_like(V)
-    unknown = Contacts(state.triangle, zero[:, 0], jnp.zeros(len(V), bool), zero, zero)
-    return find_contacts(V - surface.origin[None], unknown, limit, groups, surface, tables.surface)
+    return jnp.where(state.outside, limit, jnp.inf)
 
 
 def _betrayed(wrong: Array, tables) -> Array:
     """Return the vertices of every group with a probe inside that was thought outside."""
-    groups = jnp.asarray(tables.groups)
-    group = jnp.broadcast_to(wrong[groups].any(axis=1)[:, None], groups.shape)
-    return jnp.zeros(len(wrong), bool).at[groups].max(group)
+    return of_group(wrong[jnp.asarray(tables.groups)].any(axis=1), tables)
 
 
 def _depth(at: Contacts, counted: Array) -> tuple[Array, Array]:
-    """Return the deepest penetration (metres) and the number of vertices inside."""
+    """Return the deepest penetration (metres) and which vertices are inside `[n]`."""
     inside = counted & at.known & (at.ds < 0)
-    return jnp.where(inside, -at.ds, 0.0).max(), inside.sum().astype(jnp.int32)
-
-
-def _solve(V, at, contact, free, correction, surface, tables, options):
-    """Solve on the vertices around the contacts, or on the whole garment when they are too many."""
-    moving = dilate(contact, tables, options.rings) & free
-    touched = dilate(moving, tables, 1)
-    whole = -(-len(V) // WORD) * WORD
-    arguments = (V, at, moving, touched, correction, free, surface, tables, options)
-    if options.small >= whole:
-        return _solve_region(whole, *arguments)
-    return jax.lax.cond(
-        touched.sum() <= options.small,
-        lambda: _solve_region(options.small, *arguments),
-        lambda: _solve_region(whole, *arguments),
-    )
-
-
-def _solve_region(size, V, at, moving, touched, correction, free, surface, tables, options):
-    """Return `(V, contacts, steps, objective, outcome)` of at most `size` vertices."""
-    region = make_region(touched, moving, tables, size)
-    base = V[region.vertex] - surface.origin[None]
-    start = jnp.where(region.moving[:, None], correction[region.vertex], 0.0)
-    here = jax.tree.map(lambda x: x[region.vertex], at)
-    end = _iterate(base, start, here, region, surface, tables, options)
-    target = jnp.where(region.moving, region.vertex, len(V))
-    at = jax.tree.map(lambda x, y: x.at[target].set(y, mode="drop"), at, end.at)
-    V = V.at[target].add(end.x, mode="drop")
-    objective = jnp.sqrt(2 * smoothness(end.x, region))
-    return V, at, end.steps, objective, _outcome(at, free, end.moved <= options.tolerance, options)
+    return jnp.where(inside, -at.ds, 0.0).max(), inside
 
 
 def _outcome(at: Contacts, free, standing, options):
@@ -158,66 +144,86 @@ def _outcome(at: Contacts, free, standing, options):
     return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
 
 
-def _locate(base, x, since, at: Contacts, region: Region, surface, tables, options) -> Contacts:
-    """Return the contacts of a region's vertices after they moved from `since` to `x`.
-
-    Only those are searched that may have come within the margin; the others' distance shrinks by what
-    they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
-    may rest on the wrong sign: after a long way it is not trusted.
-    """
-    shift = jnp.sqrt(((x - since) ** 2).sum(axis=-1))
-    far = shift > FAR
-    asked = region.moving & (far | (at.ds - shift < options.eps))
-    limit = jnp.where(at.known | far, jnp.inf, jnp.maximum(shift, options.eps))
-    groups = jnp.arange(len(x), dtype=jnp.int32).reshape(-1, tables.groups.shape[1])
-    moved = at._replace(ds=at.ds - shift)
-    return find_contacts(base + x, moved, jnp.where(asked, limit, -1.0), groups, surface, tables.surface)
-
-
-def _iterate(base, start, here, region: Region, surface: PosedSurface, tables, options) -> _Progress:
-    """Return the end of the accelerated projected gradient and of the projections that follow it.
-
-    The descent and the projections share one loop, and so one search: what compiles once costs half.
-    """
+def _iterate(frame: _Frame, state: CollisionState, tables: CollisionTables, options) -> _Progress:
+    """Return the end of a frame's loop; without a contact it ends after the first search."""
+    n, dtype = len(frame.local), frame.local.dtype
+    margin = options.eps * (1 - options.slack)
 
     def descending(s: _Progress):
         return (s.steps < options.iterations) & (s.moved > options.tolerance)
 
     def violated(s: _Progress):
-        inside = region.moving & s.at.known & (s.at.ds < options.eps * (1 - options.slack))
+        inside = s.members.moving & s.at.known & (s.at.ds < margin)
         return inside.any() & (s.pushes < options.projections)
 
-    def outer(s: _Progress) -> _Progress:
-        on = descending(s)
-        count = jnp.where(on, options.refresh_every, 0)
-        inner = partial(_gradient_step, base, s.at, region, tables, options)
-        x, y, theta = jax.lax.fori_loop(0, count, inner, (s.x, s.y, s.theta))
-        moved = jnp.where(on, jnp.sqrt(((x - s.x) ** 2).sum(axis=-1).max()), s.moved)
-        x = jnp.where(on, x, _pushed(base, x, s.at, region, options))
-        at = _locate(base, x, jnp.where(s.steps == 0, 0.0, s.x), s.at, region, surface, tables, options)
-        return _Progress(x, y, theta, at, s.steps + count, moved, s.pushes + jnp.where(on, 0, 1))
+    def more(s: _Progress):
+        return (s.searches == 0) | ((s.members.count > 0) & (descending(s) | violated(s)))
 
-    moved = jnp.full((), jnp.inf, base.dtype)
-    progress = _Progress(start, start, jnp.ones((), base.dtype), here, jnp.int32(0), moved, jnp.int32(0))
-    return jax.lax.while_loop(lambda s: descending(s) | violated(s), outer, progress)
+    def body(s: _Progress) -> _Progress:
+        first, on = s.searches == 0, descending(s)
+        kind = jnp.where(first, 0, jnp.where(on, 2, 1))
+        now = advance(kind, s.now, frame.local, s.at, s.members, tables, options)
+        apart = jnp.sqrt(((now.x - s.now.x) ** 2).sum(axis=-1).max())
+        at, limit = _next_limit(now.x, s, frame, options)
+        limit, moved = jnp.where(first, frame.limit, limit), jnp.sqrt((now.x * now.x).sum(axis=-1))
+        surroundings = moved, frame.gap_squared, frame.surface, tables
+        at = find_contacts(frame.local + now.x, at, limit, *surroundings)
+        descended, pushed = (on & ~first).astype(jnp.int32), (~on & ~first).astype(jnp.int32)
+        s = s._replace(
+            now=now,
+            at=at,
+            searched=now.x,
+            searches=s.searches + 1,
+            steps=s.steps + descended * options.refresh_every,
+            moved=jnp.where(on & ~first, apart, s.moved),
+            pushes=s.pushes + pushed,
+        )
+        return _begun(s, first, frame, tables, options)
+
+    zero, none = jnp.zeros((n, 3), dtype), jnp.zeros(n, bool)
+    count = jnp.int32(0)
+    start = _Progress(
+        Iterate(zero, zero, jnp.ones((), dtype)),
+        Contacts(state.triangle, zero[:, 0], none, zero, zero),
+        zero,
+        nobody(tables),
+        count,
+        count,
+        jnp.full((), jnp.inf, dtype),
+        count,
+        jnp.zeros((), dtype),
+        none,
+    )
+    return jax.lax.while_loop(more, body, start)
 
 
-def _gradient_step(base, at: Contacts, region: Region, tables, options, _, carry):
-    """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project.
+def _begun(s: _Progress, first: Array, frame: _Frame, tables, options) -> _Progress:
+    """Return the progress with what the first search finds: what moves, if anything, and from where."""
+    deepest, inside = _depth(s.at, frame.free)
+    contact = frame.free & s.at.known & (s.at.ds < options.eps * (1 - options.slack))
 
-    Restart (O'Donoghue and Candes 2015): momentum that points uphill is thrown away.
+    def solve():
+        moving = dilate(contact, tables, options.rings) & frame.free
+        return find_members(moving, tables), jnp.where(moving[:, None], frame.correction, 0.0)
+
+    members, x = jax.lax.cond(first & contact.any(), solve, lambda: (s.members, s.now.x))
+    y = jnp.where(first, x, s.now.y)
+    deepest, inside = (jnp.where(first, new, old) for new, old in ((deepest, s.deepest), (inside, s.inside)))
+    return s._replace(now=Iterate(x, y, s.now.theta), members=members, deepest=deepest, inside=inside)
+
+
+def _next_limit(x, s: _Progress, frame: _Frame, options) -> tuple[Contacts, Array]:
+    """Return the contacts, and how far to search around vertices that moved from `s.searched` to `x`.
+
+    Only those are asked that may have come within the margin; the others' distance shrinks by what
+    they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
+    may rest on the wrong sign: after a long way it is not trusted.
     """
-    x, y, theta = carry
-    ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
-    new = _pushed(base, jnp.where(region.moving[:, None], ahead, 0.0), at, region, options)
-    uphill = ((y - new) * (new - x)).sum() > 0
-    theta = jnp.where(uphill, 1.0, theta)
-    following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
-    beta = jnp.where(uphill, 0.0, (theta - 1) / following)
-    return new, new + beta * (new - x), following
-
-
-def _pushed(base, x, at: Contacts, region: Region, options):
-    """Return the displacement after projection; where there is no correspondence, as it was."""
-    height = lift(base + x, at, options.eps)
-    return x + jnp.where(region.moving & at.known, height, 0.0)[:, None] * at.direction
+    shift = jnp.sqrt(((x - s.searched) ** 2).sum(axis=-1))
+    far = shift > FAR
+    asked = s.members.moving & (far | (s.at.ds - shift < options.eps))
+    away = frame.local + x - s.at.point  # the point is still on the surface: none is farther
+    bound = jnp.sqrt((away * away).sum(axis=-1)) * (1 + 1e-4) + 1e-6
+    limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
+    limit = jnp.where(asked, jnp.where(s.at.known, bound, limit), -1.0)
+    return s.at._replace(ds=s.at.ds - shift), limit

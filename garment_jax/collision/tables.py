@@ -14,6 +14,7 @@ class CollisionTables(NamedTuple):
 
     surface: SurfaceTables
     groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
+    slot: np.ndarray  # [n] int32 the first place of each vertex in `groups`, counted row by row
     order: np.ndarray  # [n] int32 the vertices, group after group
     index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
     weight: np.ndarray  # [n, k] float32 the Laplacian's stencil
@@ -54,11 +55,12 @@ def make_collision_tables(
             "make both from one mesh."
         )
     groups = point_groups(template)
-    order = groups.reshape(-1)[np.sort(np.unique(groups.reshape(-1), return_index=True)[1])]
+    slot = np.unique(groups.reshape(-1), return_index=True)[1].astype(np.int32)
+    order = groups.reshape(-1)[np.sort(slot)]
     back = transposed_weights(table)
     bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
-    return CollisionTables(surface, groups, order, np.asarray(table.index), weight, back, bound)
+    return CollisionTables(surface, groups, slot, order, np.asarray(table.index), weight, back, bound)
 
 
 def transposed_weights(table: LaplacianTable) -> np.ndarray:

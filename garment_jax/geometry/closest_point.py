@@ -14,9 +14,11 @@ from garment_jax.geometry.normals import unit
 from garment_jax.geometry.surface_search import (
     PosedSurface,
     distance_to,
-    distance_to_any,
+    distance_to_corner,
+    nearest_leaf,
     pose_surface,
     search,
+    triangles,
 )
 from garment_jax.geometry.surface_tables import SurfaceTables
 from garment_jax.geometry.triangle import closest_on_triangle, triangle_rows
@@ -39,7 +41,8 @@ def closest_point_exact(
     surface = pose_surface(vertices, tables)
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
-    found = search(fixed[:, None], distance_to_any(fixed, still)[:, None], still)
+    bound = distance_to_corner(nearest_leaf(fixed, still, tables), fixed, still, tables)
+    found = search(fixed[:, None], bound[:, None], still, tables)
     # nothing is found only for points that are not finite, and their answer is not either
     return closest_point_on(jnp.maximum(found.triangle[:, 0], 0), local, surface, tables)
 
@@ -60,7 +63,7 @@ def closest_point_from(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     groups = jnp.asarray(groups)
-    found = search(fixed[groups], distance_to(previous, fixed, still)[groups], still)
+    found = search(fixed[groups], distance_to(previous, fixed, still, tables)[groups], still, tables)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
     triangle = previous.at[groups].set(jnp.where(found.triangle < 0, previous[groups], found.triangle))
     return closest_point_on(triangle, local, surface, tables)
@@ -73,7 +76,7 @@ def closest_point_on(
 
     `local` is relative to `surface.origin`; the answer's `point` is not.
     """
-    corners = surface.corners.reshape(-1, 3, 3)[triangle]
+    corners = triangles(triangle, surface, tables)
     a, b, c = (corners[:, k] for k in range(3))
     rows = triangle_rows(*(tuple(x.T) for x in (a, b - a, c - a)))
     s, u, squared, region = closest_on_triangle(tuple(local.T), rows)

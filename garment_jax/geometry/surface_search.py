@@ -1,23 +1,26 @@
 """The search behind `closest_point`: which triangle of a posed mesh is nearest to each point.
 
-Points come in groups of 8 that lie together and triangles in leaves of 16, each in its box. Pairs of
-boxes that can matter to each other are marked in one dense pass, a bit a pair; of each marked pair, the
-points whose own limit reaches the leaf are marked; what is left is tested, a chunk at a time. The cost
-follows the number of marks, however many there are, and nothing can overflow.
+Points come in groups of 8 that lie together and triangles in leaves of 16, 4 leaves a branch, each in its
+box, a leaf between two planes as well. Pairs of a group and a branch that can matter to each other are
+marked in one dense pass, a bit a pair; of each marked pair, the points and leaves within the point's own
+limit are marked; what is left is tested, a chunk at a time. The cost follows the number of marks, however
+many there are, and nothing can overflow.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from garment_jax.geometry.marked import WORD, marked_up_to, pack, pack_words, select
-from garment_jax.geometry.surface_tables import LEAF, SurfaceTables
+from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 from garment_jax.geometry.triangle import squared_distance
 
-PAIRS = 512  # pairs of a group and a leaf taken at a time
-TESTS = 512  # pairs of a point and a leaf tested at a time
+PAIRS = 512  # pairs of a group and a branch taken at a time
+TESTS = 256  # pairs of a point and a leaf tested at a time
+SLACK = 1e-6  # metres: rounding of a height above a plane, for surfaces of a few metres
 _NOWHERE = 1e15  # metres: no limit reaches a box that is only padding, and its square is finite
 
 
@@ -26,9 +29,11 @@ class PosedSurface(NamedTuple):
 
     vertices: jax.Array  # [c, 3] relative to origin
     origin: jax.Array  # [3] taken off all coordinates, for float32's digits far from zero
-    corners: jax.Array  # [l, LEAF, 3, 3] of the triangles, leaf by leaf
-    middle: jax.Array  # [l, 3] of the leaves' boxes
-    half: jax.Array  # [l, 3] half their edges
+    middle: jax.Array  # [3, l] of the leaves' boxes
+    half: jax.Array  # [3, l] half their edges
+    slab: jax.Array  # [5, l] unit normal, middle and half thickness of a leaf between two planes
+    low: jax.Array  # [3, b] least coordinates of the branches' boxes
+    high: jax.Array  # [3, b] greatest
 
 
 class Nearest(NamedTuple):
@@ -43,34 +48,66 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     vertices = jnp.asarray(vertices)
     origin = vertices.mean(axis=0)
     vertices = vertices - origin[None]
-    corners = vertices[jnp.asarray(tables.faces).reshape(-1, LEAF, 3)]
-    low, high = corners.min(axis=(1, 2)), corners.max(axis=(1, 2))
-    return PosedSurface(vertices, origin, corners, (low + high) / 2, (high - low) / 2)
+    # coordinate after coordinate, leaves last: what XLA runs eight at a time
+    leaves = materialised(vertices.T[:, jnp.asarray(tables.corners).T])
+    low, high = leaves.min(axis=1), leaves.max(axis=1)
+    branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
+    slab = _slabs(leaves, vertices.T[:, jnp.asarray(tables.spread)])
+    return PosedSurface(vertices, origin, (low + high) / 2, (high - low) / 2, slab, branch_low, branch_high)
 
 
-def search(points: Float[Array, "g s 3"], limit: Float[Array, "g s"], surface: PosedSurface) -> Nearest:
+def _slabs(leaves: Float[Array, "3 u l"], spread: Float[Array, "3 3 l"]) -> Float[Array, "5 l"]:
+    """Return normals, middles and half thicknesses of leaves `[coordinate, vertex, leaf]` between planes.
+
+    A patch of skin is flat: its box is several times thicker. Any normal is right, a good one is thin; with
+    none at all (a leaf without area) nothing is excluded.
+    """
+    u, v = spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0]
+    n = jnp.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+    length = jnp.sqrt((n * n).sum(axis=0))
+    n = n / jnp.where(length > 0, length, 1.0)[None]
+    height = leaves[0] * n[0][None] + leaves[1] * n[1][None] + leaves[2] * n[2][None]
+    low, high = height.min(axis=0), height.max(axis=0)
+    return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
+
+
+def triangles(rows: Int[Array, "*k"], surface: PosedSurface, tables: SurfaceTables) -> Float[Array, "*k 3 3"]:
+    """Return the corners of the triangles in these rows of the tables, relative to the origin."""
+    return surface.vertices[jnp.asarray(tables.faces)[rows]]
+
+
+def search(
+    points: Float[Array, "g s 3"],
+    limit: Float[Array, "g s"],
+    surface: PosedSurface,
+    tables: SurfaceTables,
+    words: UInt32[Array, "g w"] | None = None,
+) -> Nearest:
     """Return the nearest triangle of each point within its own `limit` (metres; below 0: not asked).
 
+    `words` are the branches that may matter to a group (`branches_within`), where they are known.
     `points` are relative to `surface.origin`. In float32, of triangles whose squared distances
     differ by less than two millionths, either may be returned. Not differentiable.
     """
     g, s = limit.shape
-    words = _marks(points, limit, surface)
+    planes, flat = points.transpose(0, 2, 1), points.reshape(-1, 3).T
+    words = _marks(planes, limit, surface) if words is None else words
     up_to = marked_up_to(words)
-    flat = points.reshape(-1, 3)
 
     def pairs(state):
         at, key, where = state
-        group, leaf, valid = select(at, PAIRS, words, up_to)
-        inner = pack(_reached(points[group], limit[group], leaf, surface) & valid[:, None])
+        group, branch, valid = select(at, PAIRS, words, up_to)
+        # a place is a leaf of the branch and a point of the group
+        reached = _reached(planes[group], limit[group], branch, surface)
+        inner = pack((reached & valid[:, None, None]).reshape(PAIRS, -1))
         inner_up_to = marked_up_to(inner)
 
         def tests(state):
             at, key, where = state
-            pair, member, valid = select(at, TESTS, inner, inner_up_to)
-            point, its = group[pair] * s + member, leaf[pair]
-            squared = squared_distance(flat[point], surface.corners[its])
-            found = _key(squared, jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
+            pair, place, valid = select(at, TESTS, inner, inner_up_to)
+            point, its = group[pair] * s + place % s, branch[pair] * BRANCH + place // s
+            squared = squared_distance(flat[:, point], _leaf_corners(its, surface, tables))
+            found = _key(materialised(squared), jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
             point = jnp.where(valid, point, g * s)
             key = key.at[point].min(found, mode="drop")
             won = valid & (key.at[point].get(mode="clip") == found)
@@ -91,6 +128,20 @@ def search(points: Float[Array, "g s 3"], limit: Float[Array, "g s"], surface: P
     return Nearest(triangle.astype(jnp.int32).reshape(g, s), squared.reshape(g, s))
 
 
+def _leaf_corners(leaf: Int[Array, " k"], surface, tables) -> Float[Array, "3 3 k t"]:
+    """Return the corners of all triangles of each leaf: coordinate, corner, leaf, triangle.
+
+    Two gathers in a row are made one after the other: fused, the first is done for each number of the second.
+    """
+    c = len(surface.vertices)
+    faces = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 3 * LEAF)
+    vertex = materialised(faces[leaf])
+    place = vertex[None] + c * jnp.arange(3, dtype=jnp.int32)[:, None, None]
+    flat = surface.vertices.T.reshape(-1)
+    corners = materialised(flat.at[place].get(mode="promise_in_bounds", wrap_negative_indices=False))
+    return corners.reshape(3, -1, 3, LEAF).transpose(0, 2, 1, 3)
+
+
 def _key(squared: Array, slots: Array | int) -> Array:
     """Return integers ordered like `squared` (>= 0) with the slot in the four lowest bits.
 
@@ -102,55 +153,74 @@ def _key(squared: Array, slots: Array | int) -> Array:
     return (jax.lax.bitcast_convert_type(squared.astype(jnp.float32), jnp.int32) & ~(LEAF - 1)) | slots
 
 
-def group_boxes(points: Float[Array, "g s 3"], asked: Array) -> tuple[Array, Array]:
-    """Return middles and half edges `[g, 3]` of the boxes around the groups' asked points."""
-    low = jnp.where(asked[..., None], points, jnp.inf).min(axis=1)
-    high = jnp.where(asked[..., None], points, -jnp.inf).max(axis=1)
-    nobody = low > high
-    return jnp.where(nobody, -_NOWHERE, (low + high) / 2), jnp.where(nobody, 0.0, (high - low) / 2)
+def group_boxes(points: Float[Array, "g 3 s"], asked: Bool[Array, "g s"]) -> tuple[Array, Array]:
+    """Return the least and greatest coordinates `[g, 3]` of groups' asked points; inf, -inf for nobody."""
+    low = jnp.where(asked[:, None], points, jnp.inf).min(axis=2)
+    high = jnp.where(asked[:, None], points, -jnp.inf).max(axis=2)
+    return low, high
 
 
-def box_gap_squared(middle: Array, half: Array, other_middle: Array, other_half: Array) -> Array:
-    """Return the squared distances of boxes, `[..., 3]` each, broadcast against each other."""
-    gap = jnp.maximum(jnp.abs(middle - other_middle) - (half + other_half), 0.0)
-    return (gap * gap).sum(axis=-1)
-
-
-def _marks(points, limit, surface) -> Array:
-    """Return the marks `[g, l / 32]` of the pairs of a group and a leaf that may hold a closest point."""
-    asked = limit >= 0
-    middle, half = group_boxes(points, asked)
-    widest = jnp.minimum(jnp.where(asked, limit, 0.0).max(axis=1), 1e-3 * _NOWHERE)[:, None, None]
-    # padded and cut into words before the dense pass, which XLA would otherwise do in every element
-    fill = ((0, 0), (0, -len(surface.half) % WORD))
-    leaf_middle = jnp.pad(surface.middle.T, fill, constant_values=_NOWHERE).reshape(3, 1, -1, WORD)
-    leaf_half = jnp.pad(surface.half.T, fill).reshape(3, 1, -1, WORD)
+def branch_gap_squared(low: Float[Array, "g 3"], high: Float[Array, "g 3"], surface: PosedSurface) -> Array:
+    """Return the squared distances `[g, w]` of boxes to the branches', of which there are w in full words."""
+    fill = ((0, 0), (0, -surface.low.shape[1] % WORD))  # before the dense pass: it would be done in it
+    least, greatest = (jnp.pad(x, fill, constant_values=_NOWHERE) for x in (surface.low, surface.high))
     squared = jnp.zeros(())
     for x in range(3):
-        room = half[:, x, None, None] + leaf_half[x]
-        gap = jnp.maximum(jnp.abs(middle[:, x, None, None] - leaf_middle[x]) - room, 0.0)
+        apart = jnp.maximum(least[x][None] - high[:, x, None], low[:, x, None] - greatest[x][None])
+        gap = jnp.maximum(apart, 0.0)
         squared = squared + gap * gap
-    return pack_words(squared <= widest * widest)
+    return materialised(squared)
 
 
-def _reached(points, limit, leaf, surface) -> Array:
-    """Return which points `[k, s]` have the leaf `[k]` of their pair within their own limit."""
-    away = jnp.abs(points - surface.middle[leaf][:, None]) - surface.half[leaf][:, None]
-    squared = (jnp.maximum(away, 0.0) ** 2).sum(axis=-1)
-    return (squared <= limit * limit) & (limit >= 0)
+def branches_within(gap_squared: Float[Array, "g w"], widest: Float[Array, " g"]) -> Array:
+    """Return the marks `[g, w / 32]` of the branches no farther from their group than `widest` (metres)."""
+    widest = jnp.minimum(widest, 1e-3 * _NOWHERE)
+    within = gap_squared <= jnp.where(widest < 0, -1.0, widest * widest)[:, None]
+    return pack_words(within.reshape(len(widest), -1, WORD))
+
+
+def _marks(points: Float[Array, "g 3 s"], limit, surface) -> Array:
+    """Return the marks `[g, w / 32]` of the pairs of a group and a branch that may hold a closest point."""
+    gap = branch_gap_squared(*group_boxes(points, limit >= 0), surface)
+    return branches_within(gap, limit.max(axis=1))
+
+
+def _reached(points: Float[Array, "k 3 s"], limit, branch, surface) -> Array:
+    """Return which leaves and points `[k, BRANCH, s]` of each pair lie within the point's own limit."""
+    boxes = jnp.concatenate([surface.middle, surface.half, surface.slab])
+    boxes = boxes.reshape(11, -1, BRANCH).transpose(1, 0, 2)[branch][..., None]
+    points = points[:, :, None]
+    squared, height = jnp.zeros(()), -boxes[:, 9]
+    for x in range(3):
+        gap = jnp.maximum(jnp.abs(points[:, x] - boxes[:, x]) - boxes[:, 3 + x], 0.0)
+        squared = squared + gap * gap
+        height = height + points[:, x] * boxes[:, 6 + x]
+    gap = jnp.maximum(jnp.abs(height) - boxes[:, 10], 0.0)
+    squared = jnp.maximum(squared, gap * gap)
+    return (materialised(squared) <= (limit * limit)[:, None]) & (limit >= 0)[:, None]
 
 
 def distance_to(
-    triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface
+    triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
-    corners = surface.corners.reshape(-1, 1, 3, 3)[triangle]
-    squared = squared_distance(points, corners)[:, 0]
+    corners = triangles(triangle[:, None], surface, tables).transpose(3, 2, 0, 1)
+    squared = squared_distance(points.T, corners)[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 
 
-def distance_to_any(points: Float[Array, "n 3"], surface: PosedSurface) -> Float[Array, " n"]:
-    """Return the distance to the nearest leaf's first corner: an upper bound from nothing."""
-    corners = surface.corners[:, 0, 0]
+def distance_to_corner(
+    triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
+) -> Float[Array, " n"]:
+    """Return the distance to the first corner of a named triangle: a bound at a tenth of the cost."""
+    away = points - surface.vertices[jnp.asarray(tables.faces)[:, 0][triangle]]
+    return jnp.sqrt((away * away).sum(axis=-1)) * (1 + 1e-4) + 1e-6
+
+
+def nearest_leaf(
+    points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
+) -> Int[Array, " n"]:
+    """Return the row of the triangle whose corner is the nearest of one a leaf: a guess from nothing."""
+    corners = surface.vertices[jnp.asarray(tables.faces)[::LEAF, 0]]
     squared = ((points[:, None] - corners[None]) ** 2).sum(axis=-1)
-    return jnp.sqrt(squared.min(axis=1)) * (1 + 1e-4) + 1e-6
+    return LEAF * squared.argmin(axis=1).astype(jnp.int32)

@@ -21,6 +21,9 @@ class SurfaceTables(NamedTuple):
     """
 
     faces: np.ndarray  # [r, 3] int32, r a multiple of LEAF * BRANCH
+    corners: np.ndarray  # [l, u] int32 the vertices of each leaf's triangles, once each, padded by repetition
+    branches: np.ndarray  # [b, w] int32 the same of each branch
+    spread: np.ndarray  # [3, l] int32 three vertices of each leaf that lie apart: its plane, roughly
     order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
     across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
     fan: np.ndarray  # [c, FAN, 2] int32 next and last vertex of each triangle around a vertex, or itself
@@ -45,7 +48,10 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     row = np.empty(len(faces), np.int32)
     row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
     across = row[_across(faces)][order]
-    return SurfaceTables(faces[order], order, across, *_fans(faces, len(vertices)))
+    rows = faces[order]
+    corners, branches = (_once_each(rows.reshape(-1, k)) for k in (3 * LEAF, 3 * LEAF * BRANCH))
+    spread = _spread(vertices[corners], corners)
+    return SurfaceTables(rows, corners, branches, spread, order, across, *_fans(faces, len(vertices)))
 
 
 def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:
@@ -78,6 +84,22 @@ def _bisect(points: np.ndarray, size: int) -> list[np.ndarray]:
 
 def _pad_rows(rows: list[np.ndarray], size: int) -> np.ndarray:
     return np.stack([np.resize(row, size) for row in rows]).astype(np.int32)
+
+
+def _once_each(rows: np.ndarray) -> np.ndarray:
+    """Return the different numbers of each row; a third of a mesh's corners, so a third of the gathers."""
+    unique = [np.unique(row) for row in rows]
+    return _pad_rows(unique, max(map(len, unique)))
+
+
+def _spread(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the vertex farthest from the middle, the farthest from that, the farthest from their line."""
+    leaf = np.arange(len(points))
+    first = ((points - points.mean(axis=1, keepdims=True)) ** 2).sum(axis=-1).argmax(axis=1)
+    away = points - points[leaf, first][:, None]
+    second = (away**2).sum(axis=-1).argmax(axis=1)
+    third = (np.cross(away, away[leaf, second][:, None]) ** 2).sum(axis=-1).argmax(axis=1)
+    return np.stack([corners[leaf, k] for k in (first, second, third)])
 
 
 def _leaf_order(centres: np.ndarray) -> np.ndarray:

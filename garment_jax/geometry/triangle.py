@@ -73,14 +73,16 @@ def _region(s: Array, u: Array, first: Array, third: Array) -> Array:
     return jnp.where((s >= 1) | (u >= 1) | ((s <= 0) & (u <= 0)), corner, edge)
 
 
-def squared_distance(points: Float[Array, "k 3"], corners: Float[Array, "k t 3 3"]) -> Float[Array, "k t"]:
+def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t"]) -> Float[Array, "k t"]:
     """Return the squared distances of points to `t` triangles each: to the plane, or to the edges.
+
+    Coordinates come first, then the corners' numbers, so that the arithmetic vectorises over triangles.
 
     Half the work of `closest_on_triangle`, for a search that only compares. Needles and triangles
     without area, whose sides cannot be told, come out a hundred-thousandth farther.
     """
-    p = tuple(points[:, x, None] for x in range(3))
-    a, b, c = (tuple(corners[:, :, j, x] for x in range(3)) for j in range(3))
+    p = tuple(points[x, :, None] for x in range(3))
+    a, b, c = (tuple(corners[x, j] for x in range(3)) for j in range(3))
     ab, ac, bc, pa, pb = _minus(b, a), _minus(c, a), _minus(c, b), _minus(p, a), _minus(p, b)
     n = _cross(ab, ac)
     n2 = _dot(n, n)

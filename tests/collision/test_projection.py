@@ -1,10 +1,13 @@
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.collision import resolve_collisions
 from garment_jax.collision.projection import initial_state, lift, penetration, project
 from garment_jax.geometry.closest_point import closest_point_exact
-from tests.collision.cloth import tables
+from tests.collision.cloth import sheet, tables
 
 exact = jax.jit(closest_point_exact)
 
@@ -47,8 +50,13 @@ def test_penetration_by_hand_and_its_gradient():
     np.testing.assert_allclose(gradient[inside], -at.direction[inside], atol=2e-3)
 
 
-def test_the_first_state_is_the_nearest_triangle():
+def test_the_first_state_claims_nothing_and_its_frame_finds_everything():
     made, body, _ = tables()
-    V = _points()
+    V = jnp.asarray(sheet(0.16)[0])
     state = initial_state(V, jnp.asarray(body), made.surface)
-    np.testing.assert_array_equal(state.triangle, exact(V, jnp.asarray(body), made.surface).triangle)
+    assert not state.outside.any()
+    at = exact(V, jnp.asarray(body), made.surface)
+    assert ((state.triangle >= 0) & (state.triangle < len(made.surface.faces))).all()
+    result, _ = jax.jit(partial(resolve_collisions, tables=made))(V, jnp.asarray(body), state)
+    assert result.penetrating_before == (at.ds < 0).sum() > 0
+    np.testing.assert_allclose(result.deepest_before, -at.ds.min(), atol=1e-6)

@@ -2,7 +2,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.collision.region import dilate, make_region, smoothness
+from garment_jax.collision.region import (
+    dilate,
+    displacement_norm,
+    find_members,
+    make_region,
+    nobody,
+    smoothness,
+)
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from tests.collision.cloth import SIDE, sheet, tables
 
@@ -27,24 +34,31 @@ def test_dilation_adds_one_ring_at_a_time():
 def test_a_regions_energy_and_gradient_are_the_whole_meshs():
     made, *_ = tables()
     moving = _middle()
-    touched = dilate(jnp.asarray(moving), made, 1)
-    region = make_region(touched, jnp.asarray(moving), made, 96)
-    assert region.own.sum() == touched.sum() < 96
+    members = find_members(jnp.asarray(moving), made)
+    region = make_region(members, made, 96)
+    assert region.own.sum() == members.count == dilate(jnp.asarray(moving), made, 1).sum() < 96
     V, faces = sheet()
     x = np.where(moving[:, None], np.random.default_rng(0).normal(size=V.shape), 0).astype(np.float32)
     table = uniform_table(faces, len(V))
     value, gradient = jax.value_and_grad(lambda x: 0.5 * (laplacian(x, table) ** 2).sum())(jnp.asarray(x))
     local = jnp.where(region.own[:, None], jnp.asarray(x)[region.vertex], 0.0)
-    here, slope = jax.value_and_grad(smoothness)(local, region)
+    here, slope = jax.value_and_grad(smoothness)(local.T, region)
     np.testing.assert_allclose(here, value, rtol=1e-5)
     at = np.flatnonzero(region.moving)
     assert len(at) == moving.sum()
-    np.testing.assert_allclose(slope[at], gradient[region.vertex[at]], atol=1e-5)
+    np.testing.assert_allclose(slope.T[at], gradient[region.vertex[at]], atol=1e-5)
+    norm = displacement_norm(jnp.asarray(x), members, made)
+    np.testing.assert_allclose(norm, np.sqrt(2 * value), rtol=1e-5)
 
 
 def test_the_gradient_at_rest_is_zero_and_finite():
     made, *_ = tables()
-    everything = jnp.ones(SIDE * SIDE, bool)
-    region = make_region(everything, everything, made, SIDE * SIDE)
-    slope = jax.grad(smoothness)(jnp.zeros((region.vertex.size, 3)), region)
+    members = find_members(jnp.ones(SIDE * SIDE, bool), made)
+    region = make_region(members, made, SIDE * SIDE)
+    slope = jax.grad(smoothness)(jnp.zeros((3, region.vertex.size)), region)
     np.testing.assert_array_equal(slope, 0.0)
+
+
+def test_nobody_has_no_energy():
+    made, *_ = tables()
+    assert displacement_norm(jnp.ones((SIDE * SIDE, 3)), nobody(made), made) == 0

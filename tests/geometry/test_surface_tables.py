@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from garment_jax.geometry.surface_tables import LEAF, make_surface_tables, point_groups
+from garment_jax.geometry.surface_tables import BRANCH, LEAF, make_surface_tables, point_groups
 from tests.geometry.surfaces import bumpy
 
 
@@ -11,6 +11,17 @@ def test_every_triangle_is_there_and_short_leaves_repeat_theirs():
     assert len(tables.faces) % LEAF == 0
     np.testing.assert_array_equal(np.unique(tables.order), np.arange(len(faces)))
     np.testing.assert_array_equal(tables.faces, faces[tables.order])
+
+
+def test_leaves_and_branches_name_each_vertex_of_theirs():
+    tables = make_surface_tables(*bumpy())
+    for rows, named in ((LEAF, tables.corners), (LEAF * BRANCH, tables.branches)):
+        faces = tables.faces.reshape(-1, 3 * rows)
+        assert len(faces) == len(named)
+        assert all(set(a.tolist()) == set(b.tolist()) for a, b in zip(faces, named, strict=True))
+    for leaf, three in zip(tables.corners, tables.spread.T, strict=True):
+        assert len(set(three.tolist())) == 3
+        assert set(three.tolist()) <= set(leaf.tolist())
 
 
 def test_across_names_the_triangle_that_shares_the_edge():

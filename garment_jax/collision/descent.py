@@ -1,0 +1,91 @@
+"""The steps of section 3.5: along the gradient of the smooth part, then onto the planes of the contacts.
+
+Steps run on the vertices around the contacts, gathered into arrays of one of a few sizes: the cost follows
+the contacts, and only the steps, not the searches between them, are compiled once a size.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.collision.contacts import Contacts
+from garment_jax.collision.projection import lift
+from garment_jax.collision.region import Members, Region, make_region, smoothness, whole_size
+from garment_jax.collision.tables import CollisionTables
+
+
+class Iterate(NamedTuple):
+    """Where an accelerated descent stands."""
+
+    x: jax.Array  # [n, 3] displacement from V_f, metres
+    y: jax.Array  # [n, 3] the same, extrapolated
+    theta: jax.Array  # [] Nesterov's sequence
+
+
+def advance(
+    kind: Array,
+    now: Iterate,
+    local: Float[Array, "n 3"],
+    at: Contacts,
+    members: Members,
+    tables: CollisionTables,
+    options,
+) -> Iterate:
+    """Return the iterate as it is (`kind` 0), projected (1), or after `options.refresh_every` steps (2)."""
+    whole = whole_size(tables)
+    sizes = [*(size for size in options.sizes if size < whole), whole]
+    fits = sum((members.count > size).astype(jnp.int32) for size in sizes[:-1])
+
+    def projected() -> Iterate:
+        return now._replace(x=_pushed(local, now.x, at, members.moving, options))
+
+    steps = [lambda size=size: _descend(size, now, local, at, members, tables, options) for size in sizes]
+    return jax.lax.switch(jnp.where(kind < 2, kind, 2 + fits), [lambda: now, projected, *steps])
+
+
+def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) -> Iterate:
+    """Take the steps on a region of `size` vertices, with the coordinates first: so they vectorise."""
+    region = make_region(members, tables, size)
+    x, y, base, point, direction = (
+        leaf[region.vertex].T for leaf in (now.x, now.y, local, at.point, at.direction)
+    )
+    x, y = (jnp.where(region.moving[None], z, 0.0) for z in (x, y))
+    # where there is no correspondence, there is no plane
+    direction = jnp.where((region.moving & at.known[region.vertex])[None], direction, 0.0)
+    height = options.eps - _dot(base - point, direction)
+    step = partial(_gradient_step, direction, height, region, tables)
+    x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
+    target = jnp.where(region.moving, region.vertex, len(local))
+    x, y = (whole.at[target].set(z.T, mode="drop") for whole, z in ((now.x, x), (now.y, y)))
+    return Iterate(x, y, theta)
+
+
+def _gradient_step(direction, height, region: Region, tables, _, carry):
+    """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project.
+
+    The constraint of a displacement: direction . x >= height. Restart (O'Donoghue and Candes 2015):
+    momentum that points uphill is thrown away.
+    """
+    x, y, theta = carry
+    ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
+    ahead = jnp.where(region.moving[None], ahead, 0.0)
+    short = jnp.maximum(height - _dot(ahead, direction), 0.0)
+    new = ahead + jnp.where(region.moving, short, 0.0)[None] * direction
+    uphill = jnp.vdot(y - new, new - x) > 0
+    theta = jnp.where(uphill, 1.0, theta)
+    following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
+    beta = jnp.where(uphill, 0.0, (theta - 1) / following)
+    return new, new + beta * (new - x), following
+
+
+def _dot(u: Float[Array, "3 m"], v: Float[Array, "3 m"]) -> Array:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def _pushed(local, x, at: Contacts, moving: Array, options):
+    """Return the displacement after projection; where there is no correspondence, as it was."""
+    height = lift(local + x, at, options.eps)
+    return x + jnp.where(moving & at.known, height, 0.0)[:, None] * at.direction
