@@ -134,10 +134,9 @@ def main() -> None:
         clip = validation[0]
         for name, row in rows.items():
             row["ms"] = measured_ms(model, clip.scene, clip.motion, VARIANTS[name])
-            print(f"{name}: {row['ms']:.2f} ms a frame", flush=True)
-        for row in rows.values():
             row["relative_cost"] = row["ms"] / rows["whole"]["ms"]
-    write()
+            print(f"{name}: {row['ms']:.2f} ms a frame", flush=True)
+            write()
 
 
 def _rounded(value):
