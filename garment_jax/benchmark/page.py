@@ -13,7 +13,7 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #26292e; max-width: 1180px;
 h1 { font-size: 1.7em; margin-bottom: .2em } h2 { font-size: 1.2em; margin: 2em 0 .5em }
 table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums }
 th, td { padding: .28em .7em; text-align: right; border-bottom: 1px solid #e4e6ea; white-space: nowrap }
-th { border-bottom: 2px solid #9aa1ab; vertical-align: bottom }
+th { border-bottom: 2px solid #9aa1ab; vertical-align: bottom; white-space: normal }
 th:first-child, td:first-child { text-align: left }
 tbody tr:hover { background: #f5f6f8 } td.open { color: #a9afb8 }
 div.wide { overflow-x: auto } p.note, p.facts { color: #747a82; font-size: 13px; max-width: 75em }
