@@ -19,7 +19,8 @@ PLACE = Part("part", 10, 60, 100, 190)
 
 def watched(t: int = 200) -> extreme.Watched:
     """Return what a garment 60 cm long shows that never moves."""
-    return extreme.Watched(*(np.zeros(t) for _ in range(4)), np.full(t, -57.0), {})
+    bad, strain, stretch, apart = np.zeros((4, t))
+    return extreme.Watched(bad, strain, stretch, apart, np.full(t, -57.0), {})
 
 
 def part(name: str) -> Motion:
