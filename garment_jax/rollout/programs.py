@@ -12,11 +12,11 @@ import pickle
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
-import jaxlib
 import numpy as np
 
 CACHE_VARIABLE = "GARMENT_JAX_CACHE"
@@ -117,7 +117,7 @@ def surroundings() -> str:
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(path.read_bytes())
     device = jax.devices()[0]
-    texts = [jax.__version__, jaxlib.__version__, device.platform, device.device_kind, processor()]
+    texts = [jax.__version__, version("jaxlib"), device.platform, device.device_kind, processor()]
     texts += [os.environ.get("XLA_FLAGS", ""), str(len(jax.devices())), str(os.cpu_count())]
     settings = ("jax_default_matmul_precision", "jax_enable_x64")
     texts += [str(getattr(jax.config, name)) for name in settings]

@@ -8,6 +8,7 @@ from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.rollout.strain_limit import (
     SHARE,
+    SOFT,
     STRETCH,
     TARGET,
     make_strain_limit,
@@ -42,7 +43,7 @@ def one_step(V: np.ndarray) -> np.ndarray:
         for v, sign in ((a, 1.0), (b, -1.0)):
             if free[v] and over:
                 moved[v] += sign * over / length * way / ends
-                among[v] += 1.0 / ends
+                among[v] += min(over / (SOFT * rest), 1.0) / ends
     return V + moved / np.maximum(among, 1.0)[:, None]
 
 
@@ -65,7 +66,7 @@ def test_a_garment_pulled_out_or_crumpled_comes_back_and_the_pins_stay():
         out, steps = LIMIT(jnp.asarray(V), tables)
         before, after = (change(x) > STRETCH for x in (V, np.asarray(out)))
         assert before.mean() > 2 * SHARE
-        assert after.mean() <= SHARE or after.mean() < 0.1 * before.mean()
+        assert after.mean() <= 2 * SHARE or after.mean() < 0.1 * before.mean()
         assert int(steps) > 0
         np.testing.assert_array_equal(np.asarray(out)[PINS], V[PINS])
 
@@ -78,6 +79,19 @@ def test_an_iteration_is_the_one_of_an_edge_by_edge_loop(monkeypatch):
     )
     assert int(steps) == 1
     np.testing.assert_allclose(out, one_step(V), atol=1e-6)
+
+
+def test_a_garment_that_stretches_slowly_does_not_jump():
+    tables = make_strain_tables(GARMENT, PINS)
+    low = T[T[:, 1].argmin()]
+    bell = np.exp(-np.square(T - low).sum(axis=1, keepdims=True) / 0.12**2) * [0, -1, 0]
+    pulled = np.linspace(0.0, 0.2, 401)[:, None, None]
+    V = (T + pulled * bell).astype(np.float32)
+    out, steps = jax.vmap(lambda v: LIMIT(v, tables))(jnp.asarray(V))
+    assert steps[0] == 0 < steps[-1]
+    # 0.5 mm of pull from one to the next; switched on at once, the correction would jump by centimetres
+    jump = np.abs(np.diff(np.asarray(out), axis=0)).max(axis=(1, 2))
+    assert jump.max() < 5e-3
 
 
 def test_edges_without_a_length_do_not_count_and_met_vertices_stay_finite():
