@@ -66,7 +66,7 @@ def row(part: Part, V: np.ndarray, before: np.ndarray, garment: Garment, hem: np
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("clips", nargs="+", type=Path)
     parser.add_argument("--frames", type=int, default=300, help="of each clip, from its middle")
     parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clips' own")
