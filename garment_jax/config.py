@@ -125,14 +125,14 @@ class BaselinesConfig:
     components: int = 96  # principal components that the ridge regression predicts
     ridge: float = 100.0  # its penalty, on motion and coefficients in deviations
     santesteban_gru: int = 1_500  # width of the recurrent state
-    santesteban_steps: int = 600  # windows
+    santesteban_steps: int = 350  # windows
     santesteban_rate: float = 1e-3  # learning rate
     bones: int = 80  # virtual bones
     pan_gru: int = 500  # width of the recurrent state that moves the bones
-    pan_steps: int = 1_500  # windows of the low-frequency part
+    pan_steps: int = 1_200  # windows of the low-frequency part
     pan_rate: float = 1e-3
     pan_residual_gru: int = 128  # width of the recurrent state of the high-frequency part
-    pan_residual_steps: int = 300  # batches of it
+    pan_residual_steps: int = 600  # batches of it
     pan_residual_rate: float = 5e-4
     decoder_steps: int = 450  # batches of the auto-encoder with one vertex decoder
     decoder_rate: float = 3e-4
