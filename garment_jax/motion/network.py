@@ -9,7 +9,6 @@ from typing import NamedTuple
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from garment_jax.body.motion_features import root_velocity_at
@@ -123,9 +122,9 @@ def held_back(x: FrameInput, template: Template) -> FrameInput:
     s, d = template.statistics, x.M.shape[-1]
     at = root_velocity_at(d)
     spare = BEYOND * (s.motion_high - s.motion_low)
-    most = np.maximum(np.abs(s.motion_low), np.abs(s.motion_high)) + spare
+    most = jnp.maximum(jnp.abs(s.motion_low), jnp.abs(s.motion_high)) + spare
     speed = jnp.abs(x.M[..., at : at + 4])
-    limit = jnp.broadcast_to(jnp.asarray(most[at : at + 4]), speed.shape)
+    limit = jnp.broadcast_to(most[at : at + 4], speed.shape)
     part = jnp.where(speed > limit, limit / jnp.where(speed > limit, speed, 1.0), 1.0)
     c, sine = x.turn[..., 0, 0], x.turn[..., 0, 2]
     kept = part[..., 3]
