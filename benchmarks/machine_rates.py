@@ -16,24 +16,22 @@ SIDE = 1024  # of the matrices: as large as the largest products here, and all i
 
 def median_seconds(f: Callable, *arguments, repeats: int = 9) -> float:
     """Return the median time of `f`, compiled by a call that does not count."""
-    jax.block_until_ready(f(*arguments))
-    seconds = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        jax.block_until_ready(f(*arguments))
-        seconds.append(time.perf_counter() - began)
-    return float(np.median(seconds))
+    return float(np.median(_seconds(f, arguments, repeats)))
 
 
 def best_seconds(f: Callable, *arguments, repeats: int = 15) -> float:
     """Return the shortest time of `f` after a call that compiles: a limit is what is possible."""
+    return min(_seconds(f, arguments, repeats))
+
+
+def _seconds(f: Callable, arguments: tuple, repeats: int) -> list[float]:
     jax.block_until_ready(f(*arguments))
     seconds = []
     for _ in range(repeats):
         began = time.perf_counter()
         jax.block_until_ready(f(*arguments))
         seconds.append(time.perf_counter() - began)
-    return min(seconds)
+    return seconds
 
 
 def matmul_rate() -> float:

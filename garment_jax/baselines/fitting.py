@@ -10,13 +10,8 @@ import numpy as np
 
 from garment_jax.config import Config, GenerativeConfig, to_dict
 from garment_jax.data.content_hash import garment_hash
-from garment_jax.data.prepared import prepare
-from garment_jax.data.start import make_skinned_template
-from garment_jax.data.template import make_template
 from garment_jax.rollout.model import Model, load_model, save_model
-from garment_jax.training.log import RunLog
-from garment_jax.training.run import Run
-from garment_jax.training.run_directory import prepare_run
+from garment_jax.training.run import Run, open_run
 
 MODEL = "model"  # folder inside a run's; appears when the fit has ended
 
@@ -59,25 +54,10 @@ def open_baseline(
     folder, config = Path(run_dir), own_config(config)
     if generative is not None:
         config = dataclasses.replace(config, generative=generative)
-    data = prepare(data_dir, config, folder / "cache")
-    facts = {
-        "method": name,
-        "garment": garment_hash(data.scene.garment),
-        "data": data.content,
-        "baselines": {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)},
-    }
-    prepare_run(folder, config, facts=facts)
-    scene = data.scene
-    template = make_template(
-        scene.garment,
-        scene.body,
-        data.statistics,
-        uv_size=config.uv.size,
-        laplacian=config.generative.laplacian,
-    )
-    skinned = make_skinned_template(template.T, data.seeds, config.body.tau)
-    with RunLog(folder) as log:
-        yield Run(config, folder, data, template, skinned, log)
+    own = {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)}
+    run = open_run(config, folder, data_dir=data_dir, more_facts={"method": name, "baselines": own})
+    with run.log:
+        yield run
 
 
 def finish_model(run: Run, params: dict[str, Any]) -> None:

@@ -1,7 +1,7 @@
 """A training run: what its three stages share, and the stages one after the other."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,14 +31,22 @@ class Run(NamedTuple):
     log: RunLog
 
 
-def open_run(config: Config, folder: str | Path, *, data_dir: str | Path, tensorboard: bool = False) -> Run:
+def open_run(
+    config: Config,
+    folder: str | Path,
+    *,
+    data_dir: str | Path,
+    tensorboard: bool = False,
+    more_facts: Mapping[str, Any] | None = None,
+) -> Run:
     """Prepare the data (cached in the run's folder) and open or create the run.
 
-    Raises `ValueError` for a folder that belongs to another configuration, garment or data set.
+    `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
+    Raises `ValueError` for a folder that belongs to others.
     """
     folder = Path(folder)
     data = prepare(data_dir, config, folder / "cache")
-    facts = {"garment": garment_hash(data.scene.garment), "data": data.content}
+    facts = {"garment": garment_hash(data.scene.garment), "data": data.content, **(more_facts or {})}
     prepare_run(folder, config, facts=facts)
     scene = data.scene
     template = make_template(
