@@ -110,6 +110,28 @@ class DetailConfig:
 
 
 @dataclass(frozen=True)
+class DynamicsConfig:
+    """The local dynamics, a learned simulator in place of the motion encoder (not in the paper)."""
+
+    steps: int = 0  # windows; 0 leaves the stage out
+    rows: int = 28  # texels of its map in v, a multiple of `patch`; about as many as vertices
+    columns: int = 112  # texels in u, a multiple of `patch`
+    patch: int = 4  # texels along each side of a patch, even
+    channels: tuple[int, int] = (48, 64)  # widths on patches and on pairs of patches
+    points: int = 192  # points of the body that the cloth is held against
+    noise: float = 0.003  # metres; mean of the noise on true starts while training
+    window: int = 12  # frames of truncated back-propagation
+    lanes: int = 10  # clips trained side by side
+    from_first: float = 0.2  # part of the lanes that begin at a clip's first frame
+    true_starts: float = 0.8  # part of the lanes that begin from a true frame, the rest skinned
+    grace: int = 25  # frames after a skinned start within a clip whose error counts less
+    lane_windows: int = 27  # windows after which a lane begins anew, at the end of training
+    growth: float = 0.6  # part of the steps over which lanes grow to that length from one window
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-4
+
+
+@dataclass(frozen=True)
 class CollisionConfig:
     eps: float = 4e-3  # metres kept from the body; at 1 mm knees show through between the vertices
     iterations: int = 20  # projected-gradient steps at most
@@ -164,6 +186,7 @@ class Config:
     generative: GenerativeConfig = field(default_factory=GenerativeConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     detail: DetailConfig = field(default_factory=DetailConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     collision: CollisionConfig = field(default_factory=CollisionConfig)
     baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
@@ -173,7 +196,7 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru", "pan_residual_gru"}
+    | {"rows", "columns", "patch", "points", "log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru", "pan_residual_gru"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -253,11 +276,13 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition) counts where it differs from the defaults: older hashes hold.
+    What came later (baselines, decomposition, dynamics) counts where it differs from the defaults: older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
+    if config.dynamics == DynamicsConfig():
+        del values["dynamics"]
     if config.generative.decomposition:
         del values["generative"]["decomposition"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
@@ -267,7 +292,10 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[tuple[st
     """(SECTION.KEY, old value, new value) of two `to_dict` results that would change what is learnt."""
     keys = [(s, k) for s in {**old, **new} for k in {**old.get(s, {}), **new.get(s, {})}]
     pairs = [(f"{s}.{k}", old.get(s, {}).get(k), new.get(s, {}).get(k)) for s, k in keys]
-    return [(name, a, b) for name, a, b in pairs if a != b and not name.startswith(_RESULT_FREE)]
+    free = _RESULT_FREE
+    if not old.get("dynamics", {}).get("steps"):
+        free += ("dynamics.",)  # a stage that was off may be added: the others do not read it
+    return [(name, a, b) for name, a, b in pairs if a != b and not name.startswith(free)]
 
 
 def _spell_none(entries: dict[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
-from garment_jax.config import GenerativeConfig, MotionConfig
+from garment_jax.config import DynamicsConfig, GenerativeConfig, MotionConfig
 from garment_jax.data.lanes import LaneWindow, frame_weights, make_schedule
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.structs import FrameInput
@@ -37,7 +37,13 @@ def spread_frames(data: DataSet, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lane_schedule(
-    data: DataSet, config: MotionConfig, *, lanes: int, steps: int, seed: int
+    data: DataSet,
+    config: MotionConfig | DynamicsConfig,
+    *,
+    lanes: int,
+    steps: int,
+    seed: int,
+    growth: float = 0.0,
 ) -> list[LaneWindow]:
     """Return which frames every lane sees in each of `steps` windows."""
     return make_schedule(
@@ -49,6 +55,7 @@ def lane_schedule(
         from_first=config.from_first,
         true_starts=config.true_starts,
         lane_windows=config.lane_windows,
+        growth=growth,
     )
 
 
@@ -96,6 +103,6 @@ def generative_frames(config: GenerativeConfig, data: DataSet, seed: int) -> Cal
     return lambda step: random_frames(data, config.batch, seed=seed, step=step)
 
 
-def lane_weights(lanes: LaneWindow, config: MotionConfig) -> np.ndarray:
+def lane_weights(lanes: LaneWindow, config: MotionConfig | DynamicsConfig) -> np.ndarray:
     """Return the weight of every frame's error, `[W, L]`."""
     return frame_weights(lanes, config.window, config.grace)

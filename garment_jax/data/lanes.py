@@ -29,11 +29,13 @@ def make_schedule(
     from_first: float,
     true_starts: float,
     lane_windows: int,
+    growth: float = 0.0,
 ) -> list[LaneWindow]:
     """Return the windows of `steps` steps.
 
     A lane draws a clip (by length) and a start (a clip's first frame with probability `from_first`), runs
-    for at most `lane_windows` windows, and draws anew. Raises `ValueError` when no clip holds a window, or
+    for at most `lane_windows` windows, and draws anew; over the first `growth` of the steps that limit grows
+    from 1. Raises `ValueError` when no clip holds a window, or
     when lanes are none or end before they begin.
     """
     if lanes < 1 or lane_windows < 1:
@@ -53,6 +55,7 @@ def make_schedule(
             from_first,
             true_starts,
             lane_windows,
+            growth,
         )
         for lane in range(lanes)
     ]
@@ -69,13 +72,16 @@ def _lane(
     from_first: float,
     true_starts: float,
     lane_windows: int,
+    growth: float,
 ) -> list[tuple[int, int, bool, bool, int]]:
     rows: list[tuple[int, int, bool, bool, int]] = []
     while len(rows) < steps:
         clip = int(rng.choice(len(lengths), p=weights))
         first, true = rng.random() < from_first, rng.random() < true_starts
         start = 0 if first else int(rng.integers(0, lengths[clip] - window + 1))
-        for k in range(min(lane_windows, (lengths[clip] - start) // window)):
+        grown = min(len(rows) / (growth * steps), 1.0) if growth else 1.0
+        limit = 1 + round(grown * (lane_windows - 1))
+        for k in range(min(limit, (lengths[clip] - start) // window)):
             rows.append((clip, start + k * window, k == 0, true, k * window))
     return rows[:steps]
 

@@ -41,6 +41,7 @@ class PreparedClip(NamedTuple):
     T_tilde: np.ndarray  # [t, n, 3] float32 metres, canonical root frame; by inverse skinning
     input: MotionInput  # of the mirrored motion, for a mirror image
     mirrored: bool
+    motion: Motion  # of the body; of the mirrored motion, for a mirror image
 
 
 class DataSet(NamedTuple):
@@ -92,13 +93,12 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
             key = _cache_key(path, sequence, config)
             digest.update(key.encode())
             clip = _prepare_clip(sequence, seeds, config, cache / key)
-            motion = sequence.motion
         if _is_named(path, config.data.validation):
             validation.append(clip)
             continue
         train.append(clip)
         if mirror is not None:
-            train.append(_mirror_image(clip, motion, scene, seeds, config))
+            train.append(_mirror_image(clip, scene, seeds, config))
     statistics = _statistics(train, mirror is not None)
     return DataSet(scene, seeds, train, validation, statistics, mirror, digest.hexdigest()[:16], fps)
 
@@ -141,7 +141,7 @@ def _prepare_clip(sequence: Sequence, seeds: Seeds, config: Config, cache: Path)
         check_clip(sequence, joints=config.body.motion_joints)
         _compute_arrays(sequence, inputs, seeds, config, names)
     V, T_tilde = (np.load(name, mmap_mode="r") for name in names)
-    return PreparedClip(sequence.name, V, T_tilde, inputs, False)
+    return PreparedClip(sequence.name, V, T_tilde, inputs, False, sequence.motion)
 
 
 def _compute_arrays(
@@ -192,11 +192,10 @@ def _unpose(
     return jax.vmap(frame)(V, R_seed, t_seed)
 
 
-def _mirror_image(
-    clip: PreparedClip, motion: Motion, scene: Scene, seeds: Seeds, config: Config
-) -> PreparedClip:
-    inputs = motion_input(mirror_motion(motion, scene.body), scene, seeds, config.body.motion_joints)
-    return clip._replace(name=f"{clip.name} mirrored", input=inputs, mirrored=True)
+def _mirror_image(clip: PreparedClip, scene: Scene, seeds: Seeds, config: Config) -> PreparedClip:
+    motion = mirror_motion(clip.motion, scene.body)
+    inputs = motion_input(motion, scene, seeds, config.body.motion_joints)
+    return clip._replace(name=f"{clip.name} mirrored", input=inputs, mirrored=True, motion=motion)
 
 
 def _statistics(clips: list[PreparedClip], mirrored: bool) -> Statistics:

@@ -4,6 +4,7 @@ Texel centres span the unit square corner to corner (u = 0 is the centre of the 
 of the last), so a vertex on the border of a full chart lies on a texel's centre, not half a texel outside.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -27,39 +28,71 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
     Texels outside every chart repeat the nearest covered texel. Raises `ValueError` for UVs outside
     [0, 1], charts that cover no texel, or vertices that no texture vertex belongs to.
     """
+    return _atlas(garment, _checked_uv(garment) * (size - 1), (size, size), wrap=False)
+
+
+def make_centred_atlas(garment: Garment, shape: tuple[int, int]) -> UvAtlas:
+    """Return the atlas at `shape` = (rows, columns) whose texels tile the square: centres at (k + 1/2) / count.
+
+    For convolutions that go round a seam: where the UVs wrap around (`wraps_around`), the texel after the last
+    column is the first, and vertices on the seam read from both. Raises `ValueError` as `make_atlas` does.
+    """
+    position = _checked_uv(garment) * shape[::-1] - 0.5
+    return _atlas(garment, position, shape, wrap=wraps_around(garment))
+
+
+def wraps_around(garment: Garment) -> bool:
+    """Return whether the left and the right border of the UV square are one seam, as a skirt's or a sleeve's."""
+    first = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x < 1e-4}
+    last = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x > 1 - 1e-4}
+    return bool(first) and first == last
+
+
+def _corners(garment: Garment) -> Iterator[tuple[int, np.ndarray]]:
+    for vertex, corner in zip(garment.faces.ravel(), garment.faces_uv.ravel(), strict=True):
+        yield int(vertex), garment.uv[corner]
+
+
+def _checked_uv(garment: Garment) -> np.ndarray:
     uv = garment.uv.astype(np.float64)
     if not len(uv):
         raise ValueError("the garment template has no UVs; unwrap it before training.")
     if not (uv.min() >= -1e-6 and uv.max() <= 1 + 1e-6):  # a NaN is refused too
         raise ValueError(f"UVs span [{uv.min():.3g}, {uv.max():.3g}]; normalise them to [0, 1].")
-    position = np.clip(uv, 0, 1) * (size - 1)
-    triangle, weight = _rasterise(position, garment.faces_uv, size)
+    return np.clip(uv, 0, 1)
+
+
+def _atlas(garment: Garment, position: np.ndarray, shape: tuple[int, int], *, wrap: bool) -> UvAtlas:
+    """Return the atlas of UVs at `position` `[u, 2]`, in texels (column, row)."""
+    triangle, weight = _rasterise(position, garment.faces_uv, shape)
     coverage = triangle >= 0
     if not coverage.any():
-        raise ValueError(f"no UV triangle covers a texel of a {size} x {size} map; enlarge uv.size.")
+        raise ValueError(f"no UV triangle covers a texel of a {shape[0]} x {shape[1]} map; enlarge uv.size.")
     row, column = distance_transform_edt(~coverage, return_distances=False, return_indices=True)  # type: ignore[misc]
     triangle, weight = triangle[row, column], weight[row, column]
     corners = garment.faces[triangle].reshape(-1, 3)
     to_map = make_stencil(corners, weight.reshape(-1, 3), len(garment.template))
-    return UvAtlas(coverage, to_map, _reader(garment, position, size))
+    return UvAtlas(coverage, to_map, _reader(garment, position, shape, wrap))
 
 
-def _reader(garment: Garment, position: np.ndarray, size: int) -> Stencil:
+def _reader(garment: Garment, position: np.ndarray, shape: tuple[int, int], wrap: bool) -> Stencil:
     """Return the operator by which every vertex reads a flat map: the mean over its UVs."""
-    texel, weight = _bilinear(position, size)
+    texel, weight = _bilinear(position, shape, wrap)
     vertex_uv, share = _texture_vertices(garment)
     n = len(vertex_uv)
     weights = (weight[vertex_uv] * share[..., None]).reshape(n, -1)
-    return make_stencil(texel[vertex_uv].reshape(n, -1), weights, size * size)
+    return make_stencil(texel[vertex_uv].reshape(n, -1), weights, shape[0] * shape[1])
 
 
-def _rasterise(position: np.ndarray, faces_uv: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def _rasterise(
+    position: np.ndarray, faces_uv: np.ndarray, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the triangle (-1 outside) and the barycentric weights of every texel centre."""
-    triangle = np.full((size, size), -1, np.int64)
-    weight = np.zeros((size, size, 3))
+    triangle = np.full(shape, -1, np.int64)
+    weight = np.zeros((*shape, 3))
     for f, (a, b, c) in enumerate(position[faces_uv]):
         low = np.maximum(np.ceil(np.minimum(np.minimum(a, b), c) - 1e-6), 0).astype(int)
-        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), size - 1).astype(int)
+        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), np.array(shape[::-1]) - 1).astype(int)
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if (high < low).any() or abs(area) < 1e-12:
             continue
@@ -73,11 +106,18 @@ def _rasterise(position: np.ndarray, faces_uv: np.ndarray, size: int) -> tuple[n
     return triangle, weight
 
 
-def _bilinear(position: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    corner = np.clip(np.floor(position), 0, max(size - 2, 0)).astype(np.int32)
-    fx, fy = (position - corner).T
+def _bilinear(
+    position: np.ndarray, shape: tuple[int, int], wrap: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = shape
+    corner = np.floor(position).astype(np.int32)
+    corner[:, 1] = np.clip(corner[:, 1], 0, max(rows - 2, 0))
+    if not wrap:
+        corner[:, 0] = np.clip(corner[:, 0], 0, max(columns - 2, 0))
+    fx, fy = np.clip(position - corner, 0.0, 1.0).T
     x, y = corner.T
-    texels = [y * size + x, y * size + x + 1, (y + 1) * size + x, (y + 1) * size + x + 1]
+    x, right = (x % columns, (x + 1) % columns) if wrap else (x, x + 1)
+    texels = [y * columns + x, y * columns + right, (y + 1) * columns + x, (y + 1) * columns + right]
     weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
     return np.stack(texels, axis=1).astype(np.int32), np.stack(weights, axis=1).astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""The three stages in order, and the model that a run has reached: the work of `train.py`."""
+"""The stages in order, and the model that a run has reached: the work of `train.py`."""
 
 from pathlib import Path
 from typing import Any
@@ -24,22 +24,28 @@ def train(
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
     from garment_jax.training.detail_stage import train_detail
+    from garment_jax.training.dynamics_stage import train_dynamics
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
     from garment_jax.training.run import open_run
 
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
-    last = STAGES.index("detail" if stage == "all" else stage)
-    if stage != "all":
+    if stage == "dynamics" and not config.dynamics.steps:
+        raise ValueError("dynamics.steps = 0 leaves the local dynamics out; give --dynamics.steps a number.")
+    last = STAGES.index("dynamics" if stage == "all" else stage)
+    if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
     run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard)
     with run.log:
-        generative = train_generative(run)
-        if last >= 1:
-            motion = train_motion(run, generative)
-            if last >= 2 and config.detail.steps:
-                train_detail(run, generative, motion)
+        if stage != "dynamics":  # which needs none of the others
+            generative = train_generative(run)
+            if last >= 1:
+                motion = train_motion(run, generative)
+                if last >= 2 and config.detail.steps:
+                    train_detail(run, generative, motion)
+        if last >= 3 and config.dynamics.steps:
+            train_dynamics(run)
     return run.folder
 
 
@@ -59,7 +65,7 @@ def trained_model(path: str | Path) -> Model:
 
     found: dict[str, Any] = {}
     metadata: dict[str, Any] = {}
-    for stage in ("generative", "motion", "detail"):
+    for stage in STAGES:
         saved = Checkpointer(path, stage)
         if saved.latest() is not None:
             found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
