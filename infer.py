@@ -10,6 +10,11 @@ def main() -> int:
     parser.add_argument("model", help="a run of train.py, or a saved model such as models/skirt")
     parser.add_argument("--motion", required=True, help="sequence file with the body's motion")
     parser.add_argument("--out", help="sequence file to write")
+    parser.add_argument(
+        "--no-dynamics",
+        action="store_true",
+        help="move by codes, the paper's way, in place of local dynamics",
+    )
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
     parser.add_argument(

@@ -196,7 +196,7 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"rows", "columns", "patch", "points", "log_every", "chunk", "components", "bones", "santesteban_gru", "pan_gru", "pan_residual_gru"}
+    | {"rows", "columns", "patch", "points", "log_every", "chunk", "components", "bones"}
 )
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -276,7 +276,8 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, dynamics) counts where it differs from the defaults: older hashes hold.
+    What came later (baselines, decomposition, dynamics) counts where it differs from the defaults, so that
+    older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():

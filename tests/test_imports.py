@@ -22,6 +22,7 @@ ROOMS = (
     "generative",
     "motion",
     "detail",
+    "dynamics",
     "collision",
     "rollout",
     "training",
@@ -35,7 +36,7 @@ ROOMS = (
     "cli",
 )
 MODULES = sorted(PACKAGE.rglob("*.py"))
-NETWORK_ROOMS = {"generative", "motion", "detail"}
+NETWORK_ROOMS = {"generative", "motion", "detail", "dynamics"}
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
 
 

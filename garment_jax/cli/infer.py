@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from garment_jax.rollout.model import Model
     from garment_jax.rollout.plan import ScenePlan
     from garment_jax.rollout.programs import ProgramStore
+    from garment_jax.rollout.variants import Variant
     from garment_jax.structs import Motion, Scene
 
 
@@ -23,6 +24,7 @@ def infer(
     model: str,
     motion: str,
     out: str | None,
+    no_dynamics: bool = False,
     no_detail: bool = False,
     no_collision: bool = False,
     preroll: int = 0,
@@ -44,6 +46,7 @@ def infer(
         facts,
         scene,
         moves,
+        dynamics=not no_dynamics,
         detail=not no_detail,
         collision=not no_collision,
         pixel_mm=lod,
@@ -51,11 +54,12 @@ def infer(
     )
     name = "whole model"
     if budget_ms is not None:
-        whole = whole or _read(model, ())
+        whole = _as_planned(whole or _read(model, ()), scene_plan)
         name, scene_plan, whole, line = _within(budget_ms, model, whole, scene, moves, scene_plan, here)
         yield line
     if plan:
-        yield from _explained(whole or _read(model, ()), scene, moves, scene_plan, name, here)
+        planned = _as_planned(whole or _read(model, ()), scene_plan)
+        yield from _explained(planned, scene, moves, scene_plan, name, here)
     if out is None:
         return
     from garment_jax.rollout.animate import animate_file
@@ -66,6 +70,12 @@ def infer(
     rate = figures["frames"] / figures["seconds"]
     took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
     yield f"{out}: {took}"
+
+
+def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
+    from garment_jax.rollout.model import without_dynamics
+
+    return model if plan.dynamics or "dynamics" not in model.params else without_dynamics(model)
 
 
 def warm_start() -> Here:
@@ -139,23 +149,27 @@ def _within(
     from garment_jax.rollout.calibration import frame_times
     from garment_jax.rollout.variants import apply_variant, choose, stored_variants
 
-    rows = [
-        row
-        for row in stored_variants(path)[0]
-        if row.variant.detail <= plan.detail and row.variant.collision <= plan.collision
-    ]
+    rows = [row for row in stored_variants(path)[0] if _wanted(row.variant, plan)]
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
     chosen = choose(rows, times, budget_ms)
     v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
-    for part in ("detail", "collision"):
+    for part in ("dynamics", "detail", "collision"):
         if getattr(plan, part) and not getattr(v, part):
             plan = plan._replace(**{part: False}, why={**plan.why, part: why})
+    if not v.dynamics:
+        plan = plan._replace(detail=v.detail)
     line = (
         f"budget {budget_ms:g} ms: {chosen.name}, {times[chosen.name]:.1f} ms a frame here, "
         f"error {chosen.error_cm:.2f} cm on the validation clip (whole model {rows[0].error_cm:.2f} cm, "
         f"{times[rows[0].name]:.1f} ms)"
     )
     return chosen.name, plan, apply_variant(model, v), line
+
+
+def _wanted(variant: "Variant", plan: "ScenePlan") -> bool:
+    """Return whether a variant leaves out all that the plan leaves out."""
+    detail = variant.detail <= plan.detail or (plan.dynamics and variant.dynamics)
+    return detail and variant.collision <= plan.collision and variant.dynamics <= plan.dynamics
 
 
 def _explained(
@@ -166,10 +180,11 @@ def _explained(
     from garment_jax.rollout.plan import CLEARANCE, reachable_triangles
     from garment_jax.rollout.plan_report import part_costs, parts, plan_lines
 
-    collision, detail = scene.collider is not None, "detail" in model.params
-    names = parts(detail, collision)
+    collision, local = scene.collider is not None, "dynamics" in model.params
+    detail = "detail" in model.params and not local
+    names = parts(detail, collision, local)
     times = frame_times(model, scene, motion, names, folder=here.folder, store=here.store)
-    costs = part_costs(times, detail=detail, collision=collision)
+    costs = part_costs(times, detail=detail, collision=collision, dynamics=local)
     margin = model.config.collision.eps + CLEARANCE
     reachable = reachable_triangles(scene, motion, margin=margin)
     return plan_lines(plan, costs, variant=name, reachable=reachable, frames=len(motion.root))

@@ -1,1 +1,1 @@
-"""Local dynamics: a learned simulator that moves every patch of cloth by what is near it (not in the paper)."""
+"""Local dynamics: a learned simulator; every patch of cloth moves by what is near it (not in the paper)."""

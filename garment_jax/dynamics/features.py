@@ -1,11 +1,13 @@
 """What a patch of cloth sees: its own shape and motion, and the body beside it (all causal)."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.dynamics.pose import BodyFrame, posed, turned
+from garment_jax.dynamics.pose import posed, turned
 from garment_jax.dynamics.tables import DynamicsTables
 from garment_jax.geometry.uv_maps import to_map
 
@@ -13,6 +15,13 @@ from garment_jax.geometry.uv_maps import to_map
 OFFSET, MOVED, PLACE, DEEP, NEAR = 0.1, 0.03, 0.3, 0.05, 0.1
 FASTEST = 0.2  # metres a frame that cloth is taken to keep of its movement: 6 m/s at 30 fps
 CLOTH, BODY = 20, 8  # features a texel of `cloth_features` and of `body_features`
+
+
+class Body(NamedTuple):
+    """The joints' transforms `[b, j, 3, 4]` in this frame's root frame."""
+
+    A: jax.Array
+    A_before: jax.Array  # one frame ago
 
 
 def local(v: jax.Array, tables: DynamicsTables) -> jax.Array:
@@ -23,13 +32,12 @@ def local(v: jax.Array, tables: DynamicsTables) -> jax.Array:
 def cloth_features(
     x: Float[Array, "b h w 3"],
     moved: Float[Array, "b h w 3"],
-    frame: BodyFrame,
+    body: Body,
     tables: DynamicsTables,
 ) -> Float[Array, "b h w c"]:
     """Return place, movement, direction and length of the cloth's edges, beside the skinned template's."""
     b, shape = len(x), tables.reach.shape
-    S = posed(frame.A, tables.cloth).reshape(b, *shape, 3)
-    S_moved = S - posed(frame.A_before, tables.cloth).reshape(b, *shape, 3)
+    S, S_before = (posed(A, tables.cloth).reshape(b, *shape, 3) for A in body)
     du, dv = edges(x, tables.wraps)
     rest = jnp.asarray(tables.rest)
     lengths = jnp.stack([_length(du), _length(dv)], axis=-1) / rest
@@ -37,7 +45,7 @@ def cloth_features(
     parts = [
         (place - local(S, tables)) / OFFSET,
         local(moved, tables) / MOVED,
-        local(S_moved, tables) / MOVED,
+        local(S - S_before, tables) / MOVED,
         place / PLACE,
         local(du, tables) / rest[..., :1],
         local(dv, tables) / rest[..., 1:],
@@ -59,16 +67,14 @@ def _length(v: jax.Array) -> jax.Array:
     return jnp.sqrt(jnp.square(v).sum(axis=-1) + 1e-10)  # safe at zero
 
 
-def body_features(
-    x: Float[Array, "b h w 3"], frame: BodyFrame, tables: DynamicsTables
-) -> Float[Array, "b k l c"]:
+def body_features(x: Float[Array, "b h w 3"], body: Body, tables: DynamicsTables) -> Float[Array, "b k l c"]:
     """Return the nearest body point's distance, normal and movement, for every second texel each way."""
     at = (slice(None), slice(1, None, 2), slice(1, None, 2))
     q = x[at]
     frames = tables.frames[1::2, 1::2].reshape(-1, 3, 3)
     flat = q.reshape(len(x), -1, 3)
-    p, p_before = posed(frame.A, tables.near), posed(frame.A_before, tables.near)
-    normal = turned(frame.A, tables.near, tables.normals)
+    p, p_before = (posed(A, tables.near) for A in body)
+    normal = turned(body.A, tables.near, tables.normals)
     square = jnp.square(p).sum(axis=-1)[:, None] - 2.0 * jnp.einsum("bqi,bki->bqk", flat, p)
     nearest = jnp.argmin(jax.lax.stop_gradient(square), axis=-1)[..., None]
     b, n, moved = (jnp.take_along_axis(y, nearest, axis=1) for y in (p, normal, p - p_before))

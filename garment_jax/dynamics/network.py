@@ -8,7 +8,7 @@ meshes, Pfaff et al. 2021, HOOD, Grigorev et al. 2023). A vertex is held back by
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import flax.linen as nn
 import jax
@@ -19,12 +19,13 @@ from garment_jax.config import DynamicsConfig
 from garment_jax.dynamics.features import (
     BODY,
     CLOTH,
+    Body,
     body_features,
     cloth_features,
     last_frames,
     reach_feature,
 )
-from garment_jax.dynamics.pose import BodyFrame, carried, posed
+from garment_jax.dynamics.pose import BodyFrame, carried, last_body, posed
 from garment_jax.dynamics.tables import DynamicsTables
 from garment_jax.geometry.uv_maps import from_map
 
@@ -36,8 +37,8 @@ FINE, COARSE, LAST = 3, 3, 2  # residual blocks on patches, on pairs of patches,
 class DynamicsCarry(NamedTuple):
     """What the local dynamics carry from frame to frame."""
 
-    V: jax.Array  # [b, n, 3] metres, last frame, its own root frame
-    V_before: jax.Array  # [b, n, 3] metres, the frame before it, in the same root frame
+    V: Any  # [b, n, 3] metres, last frame, its own root frame
+    V_before: Any  # [b, n, 3] metres, the frame before it, in the same root frame
 
 
 def at_rest(V: Float[Array, "b n 3"]) -> DynamicsCarry:
@@ -142,9 +143,10 @@ def dynamics_step(
     """
     V_prev, V_before = carried(carry.V, frame), carried(carry.V_before, frame)
     x, moved = last_frames(V_prev, V_before, tables)
+    body = Body(jnp.asarray(frame.A), last_body(frame))
     p = config.patch
-    seen = to_patches(cloth_features(x, moved, frame, tables), p)
-    beside = to_patches(body_features(x, frame, tables), p // 2)
+    seen = to_patches(cloth_features(x, moved, body, tables), p)
+    beside = to_patches(body_features(x, body, tables), p // 2)
     reach = jnp.broadcast_to(reach_feature(tables, p), (*seen.shape[:3], 1))
     features = jnp.concatenate([seen, beside, reach], axis=-1)
     out = jnp.asarray(patch_network(tables, config).apply({"params": params}, features))
@@ -154,7 +156,7 @@ def dynamics_step(
 
 
 def held(V: Float[Array, "b n 3"], frame: BodyFrame, tables: DynamicsTables) -> Float[Array, "b n 3"]:
-    """Return `V` with its pins where the body has them, and nobody farther from its pin than the cloth is long."""
+    """Return `V` with its pins where the body has them, none farther from its pin than the cloth is long."""
     if not len(tables.pins):
         return V
     pins = posed(frame.A, tables.held)

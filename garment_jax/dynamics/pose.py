@@ -2,7 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,7 +16,7 @@ class BodyFrame(NamedTuple):
     """The body of one frame and of the one before; every field causal, leading axes stack."""
 
     A: Any  # [j, 3, 4] canonical root frame -> this frame's root frame, metres
-    A_before: Any  # [j, 3, 4] the last frame's, seen from this frame's root frame
+    A_prev: Any  # [j, 3, 4] the last frame's, in its own root frame
     turn: Any  # [3, 3] as in `FrameInput`
     shift: Any  # [3] metres
 
@@ -33,11 +32,8 @@ def body_frames(motion: Motion, body: RiggedBody) -> BodyFrame:
     offset = positions - (R @ rest[..., None])[..., 0]
     A = np.concatenate([R, offset[..., None]], axis=-1)
     turn, shift = carry_over(root, yaw)
-    before = np.concatenate([A[:1], A[:-1]])
-    # row vectors: v @ turn + shift, so a matrix in front of columns is turn^T
-    A_before = np.swapaxes(turn, -1, -2)[:, None] @ before
-    A_before[..., 3] += shift[:, None]
-    return BodyFrame(A.astype(np.float32), A_before.astype(np.float32), turn, shift)
+    A = A.astype(np.float32)
+    return BodyFrame(A, np.concatenate([A[:1], A[:-1]]), turn, shift)
 
 
 def still(frame: BodyFrame) -> BodyFrame:
@@ -67,6 +63,8 @@ def carried(V: Float[Array, "*b n 3"], frame: BodyFrame) -> Float[Array, "*b n 3
     return V @ jnp.asarray(frame.turn) + jnp.asarray(frame.shift)[..., None, :]
 
 
-def stacked(frames: list[BodyFrame]) -> BodyFrame:
-    """Return frames side by side."""
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *frames)
+def last_body(frame: BodyFrame) -> Float[Array, "*b j 3 4"]:
+    """Return the last frame's transforms as seen from this frame's root frame."""
+    # `turn` acts on rows; in front of columns it is its transpose
+    A = jnp.swapaxes(frame.turn, -1, -2)[..., None, :, :] @ frame.A_prev
+    return A.at[..., 3].add(jnp.asarray(frame.shift)[..., None, :])

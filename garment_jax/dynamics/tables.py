@@ -2,13 +2,13 @@
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import BodyConfig, DynamicsConfig
-from garment_jax.geometry.normals import vertex_normals
 from garment_jax.geometry.skinning import softmax_weights
 from garment_jax.geometry.stencil import apply_stencil
 from garment_jax.geometry.topology import unique_edges
@@ -44,13 +44,21 @@ class DynamicsTables(NamedTuple):
 
 
 def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConfig) -> DynamicsTables:
-    """Return the tables of `scene`; raises `ValueError` where `make_centred_atlas` or `make_seeds` does."""
+    """Return the tables of `scene`.
+
+    Raises `ValueError` for a map that patches do not tile, and as `make_centred_atlas` and `make_seeds` do.
+    """
+    if config.patch % 2 or config.rows % config.patch or config.columns % config.patch:
+        raise ValueError(
+            f"dynamics: patches of {config.patch} texels do not tile {config.rows} x {config.columns}; take "
+            "an even patch, and rows and columns that are multiples of it."
+        )
     garment, origin = scene.garment, scene.body.joints[0].astype(np.float64)
     shape = (config.rows, config.columns)
     atlas, wraps = make_centred_atlas(garment, shape), wraps_around(garment)
     T = (garment.template - origin).astype(np.float32)
     seeds, near = make_seeds(scene, body.seeds), make_seeds(scene, config.points)
-    W = np.asarray(softmax_weights(T, seeds.points, tau=body.tau)) @ seeds.weights
+    W = np.asarray(softmax_weights(jnp.asarray(T), jnp.asarray(seeds.points), tau=body.tau)) @ seeds.weights
     pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
     pin_weights = W[pins] if scene.pins is None else scene.pins.weights
     anchor, length = _tethers(garment, pins)
@@ -100,7 +108,12 @@ def _rest_lengths(T: np.ndarray, wraps: bool) -> np.ndarray:
 
 def _normals_at(scene: Scene, points: np.ndarray, origin: np.ndarray) -> np.ndarray:
     body = scene.body
-    normals = np.asarray(vertex_normals(body.vertices, body.faces))
+    corners = body.vertices[body.faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((len(body.vertices), 3))
+    for k in range(3):  # weighted by area
+        np.add.at(normals, body.faces[:, k], across)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     at = {tuple(p): i for i, p in enumerate((body.vertices - origin).astype(np.float32))}
     return normals[[at[tuple(p)] for p in points]].astype(np.float32)
 

@@ -32,17 +32,18 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
 
 
 def make_centred_atlas(garment: Garment, shape: tuple[int, int]) -> UvAtlas:
-    """Return the atlas at `shape` = (rows, columns) whose texels tile the square: centres at (k + 1/2) / count.
+    """Return the atlas at `shape` = (rows, columns) whose texels tile the square: centres at (k + 1/2) / n.
 
-    For convolutions that go round a seam: where the UVs wrap around (`wraps_around`), the texel after the last
-    column is the first, and vertices on the seam read from both. Raises `ValueError` as `make_atlas` does.
+    For convolutions that go round a seam: where the UVs wrap around (`wraps_around`), the texel after the
+    last column is the first, and vertices on the seam read from both. Raises `ValueError` as
+    `make_atlas` does.
     """
     position = _checked_uv(garment) * shape[::-1] - 0.5
     return _atlas(garment, position, shape, wrap=wraps_around(garment))
 
 
 def wraps_around(garment: Garment) -> bool:
-    """Return whether the left and the right border of the UV square are one seam, as a skirt's or a sleeve's."""
+    """Return whether the left and the right border of the UV square are one seam, as a skirt's."""
     first = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x < 1e-4}
     last = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x > 1 - 1e-4}
     return bool(first) and first == last
@@ -92,7 +93,9 @@ def _rasterise(
     weight = np.zeros((*shape, 3))
     for f, (a, b, c) in enumerate(position[faces_uv]):
         low = np.maximum(np.ceil(np.minimum(np.minimum(a, b), c) - 1e-6), 0).astype(int)
-        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), np.array(shape[::-1]) - 1).astype(int)
+        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), np.array(shape[::-1]) - 1).astype(
+            int
+        )
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if (high < low).any() or abs(area) < 1e-12:
             continue
@@ -106,9 +109,7 @@ def _rasterise(
     return triangle, weight
 
 
-def _bilinear(
-    position: np.ndarray, shape: tuple[int, int], wrap: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _bilinear(position: np.ndarray, shape: tuple[int, int], wrap: bool) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = shape
     corner = np.floor(position).astype(np.int32)
     corner[:, 1] = np.clip(corner[:, 1], 0, max(rows - 2, 0))

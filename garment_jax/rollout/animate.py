@@ -23,15 +23,14 @@ from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.attachment import make_attachment
-from garment_jax.rollout.clips import repeated_last, rollout_chunks, stack_motions
-from garment_jax.rollout.model import Model, facts_of, template_for
+from garment_jax.rollout.clips import repeated_last
+from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
-from garment_jax.rollout.programs import ProgramStore, shapes_of
+from garment_jax.rollout.programs import ProgramStore
 from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import init_state
+from garment_jax.rollout.rollers import make_roller
 from garment_jax.rollout.strain_limit import make_strain_limit
-from garment_jax.structs import FrameInput, Motion, Scene
+from garment_jax.structs import Motion, Scene
 
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 
@@ -90,24 +89,16 @@ def make_animator(
     facts = {"scene": scene_hash(scene), "model": repr(model.config), "statistics": _digits(model.statistics)}
     finish = _make_finisher(model, scene, template, programs, facts, collision, out_of_reach)
     chunk, joints = model.config.rollout.chunk, model.config.body.motion_joints
-    d = len(model.statistics.motion_mean)
-    state = init_state(model.params, jnp.zeros((model.vertices, 3)), config=model.config)
-    frames = FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in ((d,), (3, 3), (3,))))
     pose = make_skinned_template(template.T, seeds, model.config.body.tau)
-    rolled = make_rollout(template, model.config, detail=detail)
-    example = shapes_of((model.params, state, frames))
-    roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
+    roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
 
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
         _check_rate(model, motion, name)
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = pose(inputs.R_seed[:1], inputs.t_seed[:1])[0]
-        x, _ = stack_motions([inputs.x], chunk)
-        single = FrameInput(*(leaf[:, 0] for leaf in x))
-        state = init_state(model.params, V_start, config=model.config)
         finished = finish(whole, inputs)
-        for start, V in rollout_chunks(roll, model.params, state, single, chunk=chunk):
+        for start, V in roll(whole, inputs, V_start):
             stop = min(start + chunk, len(whole.root))
             skip = max(preroll - start, 0)
             piece = finished(V, slice(start, stop))
@@ -209,6 +200,7 @@ def animate_file(
         scene, motion, name = sequence.scene, sequence.motion, sequence.name
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
+    model = model if plan.dynamics or "dynamics" not in model.params else without_dynamics(model)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
     figures: list = []

@@ -17,7 +17,7 @@ import numpy as np
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.programs import ProgramStore, surroundings, usable
-from garment_jax.rollout.variants import VARIANTS, Variant, apply_variant
+from garment_jax.rollout.variants import Variant, apply_variant, variants_of
 from garment_jax.structs import Motion, Scene
 
 FRAMES = 32  # a chunk of the measured rollouts
@@ -39,10 +39,10 @@ def frame_times(
     measured and put there.
     """
     path = _path(folder, model, scene)
-    known = _read(path)
+    known, variants = _read(path), variants_of(model.params)
     for name in names:
         if name not in known:
-            known[name] = measured_ms(model, scene, motion, VARIANTS[name], store=store)
+            known[name] = measured_ms(model, scene, motion, variants[name], store=store)
             _write(path, known)
     return known
 

@@ -26,7 +26,7 @@ class Model(NamedTuple):
     """Trained parameters and what describes them; the garment itself comes with the clip."""
 
     config: Config
-    params: dict  # "generative", "motion" and perhaps "detail"
+    params: dict  # "generative", "motion" and perhaps "detail"; "dynamics", alone or beside them
     statistics: Statistics
     garment_hash: str
     vertices: int
@@ -37,7 +37,7 @@ class ModelFacts(NamedTuple):
     """What a scene plan reads of a model: everything but its parameters."""
 
     config: Config
-    parts: frozenset[str]  # trained: "generative", "motion" and perhaps "detail"
+    parts: frozenset[str]  # trained: the keys of `Model.params`
     vertices: int
     fps: float
 
@@ -45,6 +45,13 @@ class ModelFacts(NamedTuple):
 def facts_of(model: Model) -> ModelFacts:
     """Return the facts of a model that is loaded."""
     return ModelFacts(model.config, frozenset(model.params), model.vertices, model.fps)
+
+
+def without_dynamics(model: Model) -> Model:
+    """Return the model that moves by its codes; raises `ValueError` where it has none."""
+    if "motion" not in model.params:
+        raise ValueError("this model has only local dynamics; train its other stages, or leave them on.")
+    return model._replace(params={k: v for k, v in model.params.items() if k != "dynamics"})
 
 
 def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:

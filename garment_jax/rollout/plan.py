@@ -21,11 +21,12 @@ CLEARANCE = 0.01  # metres beyond the margin: float32, and the solver's own look
 class ScenePlan(NamedTuple):
     """Which stages run, and why."""
 
+    dynamics: bool  # the local dynamics move the cloth; without them the codes do
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
     collision: bool
     out_of_reach: bool  # collision is wanted, and a distance bound says that there is none
-    why: dict[str, str]  # a sentence for each of the three, and for "weights"
+    why: dict[str, str]  # a sentence for each of the four
     leave_out: tuple[str, ...]  # parameters that nobody reads
     triangles: int  # of the collider
     nearest: float | None  # metres between cloth and collider at least, where that decided; None elsewhere
@@ -37,32 +38,51 @@ def make_plan(
     scene: Scene,
     motion: Motion,
     *,
+    dynamics: bool = True,
     detail: bool = True,
     collision: bool = True,
     pixel_mm: float | None = None,
     detail_mm: float | None = None,
 ) -> ScenePlan:
-    """Return the plan of `motion` for the model; `detail` and `collision` off override everything.
+    """Return the plan of `motion` for the model; `dynamics`, `detail` and `collision` off override all else.
 
     `pixel_mm`: what a pixel covers of the garment; detail that moves the cloth by less than half of it
     (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive.
     """
     if pixel_mm is not None and not pixel_mm > 0:
         raise ValueError(f"--lod {pixel_mm:g} is not a size; give what a pixel covers, in millimetres.")
-    state = model.config.motion.previous_state
+    local = dynamics and "dynamics" in model.parts
+    state = local or model.config.motion.previous_state
     fine, why_fine = _detail(model, detail, pixel_mm, detail_mm)
+    if local:
+        fine, why_fine = False, "reads a code; the local dynamics need none"
     solve, far, nearest, why_solve = _collision(model, scene, motion, collision)
     why = {
+        "dynamics": _dynamics(model, dynamics),
         "previous state": "trained with it: frame after frame"
         if state
         else "trained without it: decoded at once",
         "detail": why_fine,
         "collision": why_solve,
     }
-    unread = ["generative/E_gen", *([] if fine or "detail" not in model.parts else ["detail"])]
+    unread = _unread(model, local, fine)
     triangles = 0 if scene.collider is None else len(scene.collider.faces)
     writes = ("vertices", "extra/outside_training_range", *(("extra/collision_*",) if solve else ()))
-    return ScenePlan(state, fine, solve, far, why, tuple(unread), triangles, nearest, writes)
+    return ScenePlan(local, state, fine, solve, far, why, unread, triangles, nearest, writes)
+
+
+def _dynamics(model: ModelFacts, wanted: bool) -> str:
+    if "dynamics" not in model.parts:
+        return "not trained: codes move the cloth"
+    return "in place of the codes" if wanted else "not wanted: codes move the cloth"
+
+
+def _unread(model: ModelFacts, local: bool, fine: bool) -> tuple[str, ...]:
+    """Return the parameters that no stage of the plan reads."""
+    if local:
+        return tuple(sorted(model.parts - {"dynamics"}))
+    off = [name for name, on in (("detail", fine), ("dynamics", False)) if not on and name in model.parts]
+    return ("generative/E_gen", *off)
 
 
 def _detail(

@@ -6,11 +6,12 @@ machine at hand (`calibration.py`).
 """
 
 import json
+from collections.abc import Container
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from garment_jax.rollout.model import Model
+from garment_jax.rollout.model import Model, without_dynamics
 
 FILE = "variants.json"
 
@@ -20,6 +21,7 @@ class Variant(NamedTuple):
 
     detail: bool = True
     collision: bool = True
+    dynamics: bool = True  # where the model has them
     iterations: int | None = None  # of the collision solver at most; None: the model's
     rank: int | None = None  # of D_rec's last layer; None: the model's
     last_layers: str = "float32"  # the type in which D_rec's and D_dyn's last dense layers are kept
@@ -32,10 +34,21 @@ VARIANTS: dict[str, Variant] = {
     "no detail, rank 32": Variant(detail=False, rank=32),
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
-    "no collision, no detail, bfloat16 last layers": Variant(False, False, last_layers="bfloat16"),
-    "no collision, no detail, rank 32": Variant(False, False, rank=32),
-    "no collision, no detail, rank 16": Variant(False, False, rank=16),
+    "no collision, no detail, bfloat16 last layers": Variant(
+        detail=False, collision=False, last_layers="bfloat16"
+    ),
+    "no collision, no detail, rank 32": Variant(detail=False, collision=False, rank=32),
+    "no collision, no detail, rank 16": Variant(detail=False, collision=False, rank=16),
 }
+
+
+def variants_of(parts: Container[str]) -> dict[str, Variant]:
+    """Return the variants of a model with the trained `parts`, by name; what leaves out least comes first."""
+    if "dynamics" not in parts:
+        return VARIANTS
+    own = {name: VARIANTS[name] for name in ("whole", "10 solver steps", "no collision")}
+    by_codes = {f"no dynamics, {name}": v._replace(dynamics=False) for name, v in VARIANTS.items()}
+    return own | by_codes
 
 
 class Measured(NamedTuple):
@@ -75,6 +88,8 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
     Raises `ValueError` for a rank that the model's last layer does not have.
     """
+    if not variant.dynamics and "dynamics" in model.params:
+        model = without_dynamics(model)
     if variant.iterations is not None:
         settings = replace(model.config.collision, iterations=variant.iterations)
         model = model._replace(config=replace(model.config, collision=settings))

@@ -83,7 +83,7 @@ def _cut(body: BodyFrame, start: int, window: int) -> BodyFrame:
 
 
 def _before(data: DataSet, bodies: list[BodyFrame], clip: int, start: int) -> np.ndarray:
-    """Return the true frame `start - 2` in the root frame of `start - 1`; at a clip's begin, its first frame."""
+    """Return the true frame `start - 2` in the root frame of `start - 1` (at a clip's begin, its first)."""
     last, before = max(start - 1, 0), max(start - 2, 0)
     V = frames_of(data.train[clip], np.array([before]), data)[0][0]
     return V if last == before else V @ bodies[clip].turn[last] + bodies[clip].shift[last]
@@ -94,16 +94,15 @@ def _validation(run: Run, tables) -> Callable[[TrainState], dict[str, float]] | 
     clips = run.data.validation
     if not clips:
         return None
-    roll = make_dynamics_rollout(tables, run.config)
+    roll = make_dynamics_rollout(tables, run.template, run.config)
     bodies = [body_frames(clip.motion, run.data.scene.body) for clip in clips]
-    starts = [
-        np.asarray(run.skinned(clip.input.R_seed[:1], clip.input.t_seed[:1]))[0] for clip in clips
-    ]
+    starts = [np.asarray(run.skinned(clip.input.R_seed[:1], clip.input.t_seed[:1]))[0] for clip in clips]
 
     def validate(state: TrainState) -> dict[str, float]:
         errors = {}
         for clip, body, start in zip(clips, bodies, starts, strict=True):
-            V = np.concatenate(list(roll_clip(roll, state.params, start, body, chunk=CHUNK)))
+            pieces = roll_clip(roll, state.params, start, body, clip.input.x.M, chunk=CHUNK)
+            V = np.concatenate([V for _, V in pieces])[: len(clip.V)]
             square = 1e4 * np.square(V - clip.V).sum(axis=-1).mean()
             errors[f"{clip.name}_rmse_cm"] = float(np.sqrt(square))
         return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}

@@ -72,7 +72,7 @@ def trained_model(path: str | Path) -> Model:
     early = Checkpointer(path, "warm_up")
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
-    for stage in ("generative", "motion"):
+    for stage in () if "dynamics" in found else ("generative", "motion"):
         if stage not in found:
             raise ValueError(
                 f"{path} has not trained its {stage} stage yet; run train.py --stage {stage} first."
