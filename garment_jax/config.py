@@ -117,7 +117,7 @@ class DynamicsConfig:
     rows: int = 28  # texels of its map in v, a multiple of `patch`; about as many as vertices
     columns: int = 112  # texels in u, a multiple of `patch`
     patch: int = 4  # texels along each side of a patch, even
-    channels: tuple[int, int] = (48, 64)  # widths on patches and on pairs of patches
+    channels: tuple[int, ...] = (48, 64)  # two widths: on patches, and on pairs of patches
     points: int = 192  # points of the body that the cloth is held against
     noise: float = 0.003  # metres; mean of the noise on true starts while training
     window: int = 12  # frames of truncated back-propagation

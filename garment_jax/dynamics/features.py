@@ -39,7 +39,7 @@ def cloth_features(
     b, shape = len(x), tables.reach.shape
     S, S_before = (posed(A, tables.cloth).reshape(b, *shape, 3) for A in body)
     du, dv = edges(x, tables.wraps)
-    rest = jnp.asarray(tables.rest)
+    rest = jnp.asarray(tables.rest)[None]
     lengths = jnp.stack([_length(du), _length(dv)], axis=-1) / rest
     place = local(x, tables)
     parts = [

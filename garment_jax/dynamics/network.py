@@ -141,9 +141,10 @@ def dynamics_step(
 
     V = V_prev + (V_prev - V_prev_prev) + correction, then pins, then tethers.
     """
+    frame, carry = jax.tree.map(jnp.asarray, (frame, carry))
     V_prev, V_before = carried(carry.V, frame), carried(carry.V_before, frame)
     x, moved = last_frames(V_prev, V_before, tables)
-    body = Body(jnp.asarray(frame.A), last_body(frame))
+    body = Body(frame.A, last_body(frame))
     p = config.patch
     seen = to_patches(cloth_features(x, moved, body, tables), p)
     beside = to_patches(body_features(x, body, tables), p // 2)
@@ -164,4 +165,4 @@ def held(V: Float[Array, "b n 3"], frame: BodyFrame, tables: DynamicsTables) -> 
     anchor = jnp.take(pins, tables.anchor, axis=1)
     away = V - anchor
     far = jnp.sqrt(jnp.square(away).sum(axis=-1, keepdims=True) + 1e-12)
-    return anchor + away * jnp.minimum(1.0, jnp.asarray(tables.tether)[:, None] / far)
+    return anchor + away * jnp.minimum(1.0, jnp.asarray(tables.tether)[None, :, None] / far)

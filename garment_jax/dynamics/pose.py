@@ -44,18 +44,17 @@ def still(frame: BodyFrame) -> BodyFrame:
 def posed(A: Float[Array, "*b j 3 4"], carriers: Carriers) -> Float[Array, "*b q 3"]:
     """Return the points that the body carries, metres."""
     blend = blended(A, carriers)
-    return (blend[..., :3] * carriers.points[:, None, :]).sum(axis=-1) + blend[..., 3]
+    return jnp.einsum("...qik,qk->...qi", blend[..., :3], carriers.points) + blend[..., 3]
 
 
 def turned(A: Float[Array, "*b j 3 4"], carriers: Carriers, directions: np.ndarray) -> Float[Array, "*b q 3"]:
     """Return canonical `directions` `[q, 3]` at the points as the body turns them."""
-    return (blended(A, carriers)[..., :3] * directions[:, None, :]).sum(axis=-1)
+    return jnp.einsum("...qik,qk->...qi", blended(A, carriers)[..., :3], directions)
 
 
 def blended(A: Float[Array, "*b j 3 4"], carriers: Carriers) -> Float[Array, "*b q 3 4"]:
     """Return the blend of the joints' transforms at each point."""
-    flat = A.reshape(*A.shape[:-2], 12)
-    return (jnp.asarray(carriers.weights) @ flat).reshape(*A.shape[:-3], -1, 3, 4)
+    return jnp.einsum("qj,...jik->...qik", carriers.weights, A)
 
 
 def carried(V: Float[Array, "*b n 3"], frame: BodyFrame) -> Float[Array, "*b n 3"]:
@@ -66,5 +65,5 @@ def carried(V: Float[Array, "*b n 3"], frame: BodyFrame) -> Float[Array, "*b n 3
 def last_body(frame: BodyFrame) -> Float[Array, "*b j 3 4"]:
     """Return the last frame's transforms as seen from this frame's root frame."""
     # `turn` acts on rows; in front of columns it is its transpose
-    A = jnp.swapaxes(frame.turn, -1, -2)[..., None, :, :] @ frame.A_prev
+    A = jnp.einsum("...ki,...jkl->...jil", frame.turn, frame.A_prev)
     return A.at[..., 3].add(jnp.asarray(frame.shift)[..., None, :])

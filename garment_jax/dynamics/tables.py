@@ -10,7 +10,6 @@ from scipy.sparse.csgraph import dijkstra
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import BodyConfig, DynamicsConfig
 from garment_jax.geometry.skinning import softmax_weights
-from garment_jax.geometry.stencil import apply_stencil
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.geometry.uv_atlas import UvAtlas, make_centred_atlas, wraps_around
 from garment_jax.structs import Garment, Scene
@@ -46,13 +45,16 @@ class DynamicsTables(NamedTuple):
 def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConfig) -> DynamicsTables:
     """Return the tables of `scene`.
 
-    Raises `ValueError` for a map that patches do not tile, and as `make_centred_atlas` and `make_seeds` do.
+    Raises `ValueError` for a map that patches do not tile, for widths that are not two, and as
+    `make_centred_atlas` and `make_seeds` do.
     """
     if config.patch % 2 or config.rows % config.patch or config.columns % config.patch:
         raise ValueError(
             f"dynamics: patches of {config.patch} texels do not tile {config.rows} x {config.columns}; take "
             "an even patch, and rows and columns that are multiples of it."
         )
+    if len(config.channels) != 2:
+        raise ValueError(f"dynamics.channels = {list(config.channels)} must be two widths, such as [48, 64].")
     garment, origin = scene.garment, scene.body.joints[0].astype(np.float64)
     shape = (config.rows, config.columns)
     atlas, wraps = make_centred_atlas(garment, shape), wraps_around(garment)
@@ -81,7 +83,7 @@ def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConf
 
 
 def _on_map(values: np.ndarray, atlas: UvAtlas) -> np.ndarray:
-    flat = np.asarray(apply_stencil(values.astype(np.float32), atlas.to_map))
+    flat = (values[atlas.to_map.index] * atlas.to_map.weight[..., None]).sum(axis=1).astype(np.float32)
     return flat.reshape(*atlas.coverage.shape, -1)
 
 

@@ -20,7 +20,7 @@ from garment_jax.data.lanes import LaneWindow
 from garment_jax.data.motion_input import MotionInput
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.data.template import Statistics
-from garment_jax.structs import FrameInput
+from garment_jax.structs import FrameInput, Motion
 from tests.reference.scene import make_scene
 
 LENGTHS = (11, 7, 11, 7)  # two clips and their mirror images
@@ -39,7 +39,8 @@ def clip_of(number: int, frames: int, *, mirrored: bool) -> PreparedClip:
     )
     R = frame[:, None, None, None] + np.zeros((1, 2, 3, 3), np.float32)
     inputs = MotionInput(x, R, R[..., 0], frame[:, None] + np.zeros(3), frame.astype(float))
-    return PreparedClip(f"clip_{number}", V, V + 1000.0, inputs, mirrored)
+    motion = Motion(np.tile(np.eye(3, dtype=np.float32), (frames, 1, 1, 1)), np.zeros((frames, 3)), 30.0)
+    return PreparedClip(f"clip_{number}", V, V + 1000.0, inputs, mirrored, motion)
 
 
 @pytest.fixture(scope="module")
