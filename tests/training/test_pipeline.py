@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -20,6 +21,7 @@ from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train, trained_model
 from tests.reference.scene import make_motion, write_clip
+from tests.reference.tiny_dynamics import DYNAMICS
 from tests.rollout.tiny_model import CONFIG, SCENE
 
 ROOT = Path(__file__).parents[2]
@@ -100,6 +102,30 @@ def test_kill_9_in_every_stage_then_the_same_command(tmp_path: Path, data_dir: P
         assert_same_bits(state_of(run, stage), state_of(uninterrupted, stage))
         logged = [[e["step"] for e in read_log(r, stage=stage, kind="train")] for r in (run, uninterrupted)]
         assert logged[0] == logged[1] == list(range(1, STEPS + 1))
+
+
+def test_local_dynamics_join_a_finished_run_and_survive_kill_9(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path
+):
+    from shutil import copytree
+
+    (tmp_path / "tiny.toml").write_text(to_toml(replace(CONFIG, dynamics=DYNAMICS)))
+    runs = [copytree(uninterrupted, tmp_path / name) for name in ("killed", "whole")]
+    lines = [[*command(tmp_path / "tiny.toml", data_dir, run), "--stage", "dynamics"] for run in runs]
+    assert kill_within("dynamics", lines[0], runs[0], 0.05).returncode == -signal.SIGKILL
+    for words in lines:
+        subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, check=True)
+    killed, whole = (state_of(run, "dynamics") for run in runs)
+    assert_same_bits(killed, whole)
+    assert_same_bits(state_of(runs[0], "detail"), state_of(uninterrupted, "detail"))
+    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "dynamics"}
+    (last,) = read_log(runs[1], stage="dynamics", kind="validation")
+    assert 0 < last["waltz_3_rmse_cm"] < 100
+
+
+def test_local_dynamics_of_no_steps_are_refused(tmp_path: Path, data_dir: Path):
+    with pytest.raises(ValueError, match=r"dynamics\.steps = 0 leaves the local dynamics out"):
+        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="dynamics")
 
 
 def test_every_stage_learns_something_and_validates(uninterrupted: Path):
