@@ -5,7 +5,7 @@ import json
 import os
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,10 +47,15 @@ def facts_of(model: Model) -> ModelFacts:
     return ModelFacts(model.config, frozenset(model.params), model.vertices, model.fps)
 
 
+def check_codes(parts: Container[str]) -> None:
+    """Raise `ValueError` unless codes can move the cloth: a run may hold the local dynamics alone."""
+    if "motion" not in parts:
+        raise ValueError("this model has only local dynamics, no codes; name one with all stages trained.")
+
+
 def without_dynamics(model: Model) -> Model:
-    """Return the model that moves by its codes; raises `ValueError` where it has none."""
-    if "motion" not in model.params:
-        raise ValueError("this model has only local dynamics; train its other stages, or leave them on.")
+    """Return the model that moves by its codes; raises `ValueError` as `check_codes` does."""
+    check_codes(model.params)
     return model._replace(params={k: v for k, v in model.params.items() if k != "dynamics"})
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.carried import carried_points
-from garment_jax.rollout.model import ModelFacts
+from garment_jax.rollout.model import ModelFacts, check_codes
 from garment_jax.rollout.reach import cloth_reach, motion_gaps
 from garment_jax.structs import Motion, Scene
 
@@ -47,11 +47,14 @@ def make_plan(
     """Return the plan of `motion` for the model; `dynamics`, `detail` and `collision` off override all else.
 
     `pixel_mm`: what a pixel covers of the garment; detail that moves the cloth by less than half of it
-    (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive.
+    (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive, and
+    where only dynamics are there and not wanted.
     """
     if pixel_mm is not None and not pixel_mm > 0:
         raise ValueError(f"--lod {pixel_mm:g} is not a size; give what a pixel covers, in millimetres.")
     local = dynamics and "dynamics" in model.parts
+    if not local:
+        check_codes(model.parts)
     state = local or model.config.motion.previous_state
     fine, why_fine = _detail(model, detail, pixel_mm, detail_mm)
     if local:

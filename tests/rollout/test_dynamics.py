@@ -67,6 +67,8 @@ def test_a_model_of_dynamics_alone_animates():
     np.testing.assert_array_equal(alone, beside)
     with pytest.raises(ValueError, match="only local dynamics"):
         without_dynamics(model)
+    with pytest.raises(ValueError, match="only local dynamics"):
+        make_plan(facts_of(model), SCENE, motion(5), dynamics=False)
 
 
 def test_the_plan_reads_the_dynamics_alone():
