@@ -119,6 +119,7 @@ class DynamicsConfig:
     patch: int = 4  # texels along each side of a patch, even
     channels: tuple[int, ...] = (48, 64)  # two widths: on patches, and on pairs of patches
     points: int = 192  # points of the body that the cloth is held against
+    lambda_laplacian: float = 3.0  # without it the cloth is rough where patches are coarse
     noise: float = 0.003  # metres; mean of the noise on true starts while training
     window: int = 12  # frames of truncated back-propagation
     lanes: int = 10  # clips trained side by side

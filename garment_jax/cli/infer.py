@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from garment_jax.rollout.model import Model
     from garment_jax.rollout.plan import ScenePlan
     from garment_jax.rollout.programs import ProgramStore
-    from garment_jax.rollout.variants import Variant
+    from garment_jax.rollout.variants import Measured
     from garment_jax.structs import Motion, Scene
 
 
@@ -147,9 +147,9 @@ def _within(
 ):
     """Return the name, the plan and the model of the most accurate variant that fits, and a line on it."""
     from garment_jax.rollout.calibration import frame_times
-    from garment_jax.rollout.variants import apply_variant, choose, stored_variants
+    from garment_jax.rollout.variants import apply_variant, choose
 
-    rows = [row for row in stored_variants(path)[0] if _wanted(row.variant, plan)]
+    rows = _rows(path, model, plan)
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
     chosen = choose(rows, times, budget_ms)
     v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
@@ -166,10 +166,20 @@ def _within(
     return chosen.name, plan, apply_variant(model, v), line
 
 
-def _wanted(variant: "Variant", plan: "ScenePlan") -> bool:
-    """Return whether a variant leaves out all that the plan leaves out."""
-    detail = variant.detail <= plan.detail or (plan.dynamics and variant.dynamics)
-    return detail and variant.collision <= plan.collision and variant.dynamics <= plan.dynamics
+def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
+    """Return the measured variants that leave out all that the plan leaves out."""
+    from garment_jax.rollout.variants import stored_variants
+
+    rows = stored_variants(path)[0]
+    if "dynamics" not in model.params:
+        by_codes = [row for row in rows if not row.variant.dynamics]
+        # not wanted here: what is left are its codes' variants, under their own names
+        rows = [row._replace(name=row.name.removeprefix("no dynamics, ")) for row in by_codes] or rows
+    return [
+        row
+        for row in rows
+        if (row.variant.detail <= plan.detail or plan.dynamics) and row.variant.collision <= plan.collision
+    ]
 
 
 def _explained(

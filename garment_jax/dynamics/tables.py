@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import BodyConfig, DynamicsConfig
+from garment_jax.geometry.laplacian import LaplacianTable, uniform_table
 from garment_jax.geometry.skinning import softmax_weights
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.geometry.uv_atlas import UvAtlas, make_centred_atlas, wraps_around
@@ -40,6 +41,7 @@ class DynamicsTables(NamedTuple):
     held: Carriers  # the pins
     anchor: np.ndarray  # [n] which pin holds a vertex back
     tether: np.ndarray  # [n] metres; how far from that pin it can get
+    laplacian: LaplacianTable  # uniform, of the template
 
 
 def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConfig) -> DynamicsTables:
@@ -79,6 +81,7 @@ def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConf
         Carriers(T[pins], pin_weights.astype(np.float32)),
         anchor,
         (SLACK * length + 1e-3).astype(np.float32),
+        uniform_table(garment.faces, len(T)),
     )
 
 

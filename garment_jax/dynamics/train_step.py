@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Array, Float
 
 from garment_jax.config import DynamicsConfig
 from garment_jax.dynamics.network import DynamicsCarry, dynamics_step
 from garment_jax.dynamics.pose import BodyFrame
 from garment_jax.dynamics.tables import DynamicsTables
+from garment_jax.geometry.laplacian import laplacian
 from garment_jax.geometry.uv_maps import from_map
 from garment_jax.structs import TrainState
 
@@ -72,22 +74,31 @@ def dynamics_loss(
     tables: DynamicsTables,
     config: DynamicsConfig,
 ) -> tuple[jax.Array, tuple[DynamicsCarry, dict[str, jax.Array]]]:
-    """Return the mean over frames and lanes of the root mean squared error, cm; the key is consumed.
+    """Return the mean over frames and lanes of the root mean squared errors, cm; the key is consumed.
 
-    A root for each lane and frame: a lane that has lost its folds does not drown the others.
+    Of the vertices, and of their Laplacian times `lambda_laplacian`. A root for each lane and frame: a lane
+    that has lost its folds does not drown the others.
     """
 
     def frame(carry: DynamicsCarry, inputs: tuple[BodyFrame, jax.Array]):
         body, V_star = inputs
         carry = dynamics_step(params, carry, body, tables=tables, config=config)
-        return carry, 1e4 * jnp.square(carry.V - V_star).sum(axis=-1).mean(axis=-1)
+        E = carry.V - V_star
+        return carry, (mean_square(E), mean_square(laplacian(E, tables.laplacian)))
 
     begun = begin_lanes(key, carry, batch, tables, config)
-    carry, square = jax.lax.scan(jax.checkpoint(frame), begun, (batch.frame, batch.V_star))
+    carry, squares = jax.lax.scan(jax.checkpoint(frame), begun, (batch.frame, batch.V_star))
     total = batch.weight.sum()
-    loss = (batch.weight * jnp.sqrt(square + ERROR_FLOOR)).sum() / total
-    rmse = jnp.sqrt((batch.weight * square).sum() / total)
-    return loss, (carry, {"loss": loss, "rmse_cm": rmse})
+    vertex, rough = ((batch.weight * jnp.sqrt(x + ERROR_FLOOR)).sum() / total for x in squares)
+    rough = config.lambda_laplacian * rough
+    rmse = jnp.sqrt((batch.weight * squares[0]).sum() / total)
+    metrics = {"loss": vertex + rough, "vertex": vertex, "laplacian": rough, "rmse_cm": rmse}
+    return vertex + rough, (carry, metrics)
+
+
+def mean_square(E: Float[Array, "*b n 3"]) -> Float[Array, "*b"]:
+    """Return the mean squared length over vertices, cm^2, of `E` in metres."""
+    return 1e4 * jnp.square(E).sum(axis=-1).mean(axis=-1)
 
 
 def make_dynamics_train_step(

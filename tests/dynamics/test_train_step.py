@@ -17,7 +17,9 @@ from garment_jax.dynamics.train_step import (
 )
 from garment_jax.structs import TrainState
 from garment_jax.training.optimiser import make_optimiser
+from tests.reference.laplacian import uniform_laplacian
 from tests.reference.tiny_dynamics import DYNAMICS, frames, hanging, params, tables
+from tests.rollout.tiny_model import SCENE
 
 W, L = 4, 2
 
@@ -61,8 +63,11 @@ def test_the_loss_is_the_weighted_mean_of_a_loops_errors():
     for t in range(W):
         frame = BodyFrame(*(jnp.asarray(leaf[t]) for leaf in b.frame))
         state = dynamics_step(params(), state, frame, tables=tables(), config=DYNAMICS)
-        square = 1e4 * np.square(np.asarray(state.V) - b.V_star[t]).sum(axis=-1).mean(axis=-1)
-        total += (b.weight[t] * np.sqrt(square + 0.01)).sum()
+        E = np.asarray(state.V) - b.V_star[t]
+        rough = np.stack([uniform_laplacian(e, SCENE.garment.faces) for e in E])
+        for part, wanted in ((1.0, E), (DYNAMICS.lambda_laplacian, rough)):
+            square = 1e4 * np.square(wanted).sum(axis=-1).mean(axis=-1)
+            total += (part * b.weight[t] * np.sqrt(square + 0.01)).sum()
     loss, (after, metrics) = dynamics_loss(
         params(), jax.random.key(2), carry(), b, tables=tables(), config=DYNAMICS
     )

@@ -66,9 +66,9 @@ def test_without_a_kl_term_the_start_is_finite(template: Template) -> None:
 
 def test_hashes_from_before_the_key_hold() -> None:
     older = to_dict(Config())
-    del older["generative"]["decomposition"], older["baselines"]
+    del older["generative"]["decomposition"], older["baselines"], older["dynamics"]
 
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(Config()) == hashlib.sha256(text).hexdigest()[:16]
-    for change in ("--generative.decomposition=false", "--baselines.bones=7"):
+    for change in ("--generative.decomposition=false", "--baselines.bones=7", "--dynamics.steps=7"):
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())

@@ -30,7 +30,8 @@ def tables() -> DynamicsTables:
 @lru_cache(maxsize=1)
 def params() -> dict:
     """Return parameters drawn at random: the cloth swings by centimetres."""
-    shapes = jax.eval_shape(lambda: init_dynamics(jax.random.key(0), tables(), config=DYNAMICS))
+    static = tables()  # made on the host, not while tracing
+    shapes = jax.eval_shape(lambda: init_dynamics(jax.random.key(0), static, config=DYNAMICS))
     rng = np.random.default_rng(3)
     return jax.tree.map(lambda leaf: 0.5 * drawn(rng, leaf.shape), shapes)
 
