@@ -75,7 +75,7 @@ def infer(
 def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
     from garment_jax.rollout.model import without_dynamics
 
-    return model if plan.dynamics or "dynamics" not in model.params else without_dynamics(model)
+    return model if plan.dynamics else without_dynamics(model)
 
 
 def warm_start() -> Here:

@@ -200,7 +200,7 @@ def animate_file(
         scene, motion, name = sequence.scene, sequence.motion, sequence.name
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
-    model = model if plan.dynamics or "dynamics" not in model.params else without_dynamics(model)
+    model = model if plan.dynamics else without_dynamics(model)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
     figures: list = []

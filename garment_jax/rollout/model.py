@@ -54,7 +54,10 @@ def check_codes(parts: Container[str]) -> None:
 
 
 def without_dynamics(model: Model) -> Model:
-    """Return the model that moves by its codes; raises `ValueError` as `check_codes` does."""
+    """Return the model that moves by its codes, itself where it has no dynamics.
+
+    Raises `ValueError` as `check_codes` does.
+    """
     check_codes(model.params)
     return model._replace(params={k: v for k, v in model.params.items() if k != "dynamics"})
 

@@ -88,7 +88,7 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
     Raises `ValueError` for a rank that the model's last layer does not have.
     """
-    if not variant.dynamics and "dynamics" in model.params:
+    if not variant.dynamics:
         model = without_dynamics(model)
     if variant.iterations is not None:
         settings = replace(model.config.collision, iterations=variant.iterations)
