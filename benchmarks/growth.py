@@ -19,6 +19,7 @@ from measured import report
 from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import Case, dressed, make_case, predictions, repeated, sized_config
 
+from garment_jax.body.looped_motion import looped_motion
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.structs import FrameInput, RiggedBody, Scene
 
@@ -27,7 +28,7 @@ SIZES = {
     "uv": (32, 64, 128, 256),
     "body": (0, 1, 2),  # whole body, each triangle cut into four so many times
     "batch": (1, 2, 4, 8, 16, 32),
-    "frames": (64, 128, 256, 512),
+    "frames": (64, 128, 512, 2048),  # the clip is looped to this length
 }
 FRAMES = 4 * CHUNK
 
@@ -54,7 +55,9 @@ def finer_body(body: RiggedBody, times: int) -> RiggedBody:
     """Return `body` with every triangle cut into four, `times` times."""
     vertices, faces, weights = body.vertices, body.faces, body.skin_weights
     for _ in range(times):
-        vertices, faces, attributes = trimesh.remesh.subdivide(vertices, faces, {"w": weights})[:3]
+        vertices, faces, attributes = trimesh.remesh.subdivide(
+            vertices, faces, vertex_attributes={"w": weights}
+        )[:3]
         weights = attributes["w"]
     return body._replace(
         vertices=np.asarray(vertices, np.float32),
@@ -66,6 +69,8 @@ def finer_body(body: RiggedBody, times: int) -> RiggedBody:
 def point(kind: str, size: int, scene: Scene, motion, predicted: np.ndarray | None) -> dict:
     """Return one row: the size, milliseconds, megabytes."""
     vertices = size if kind == "vertices" else 9_352
+    if kind == "frames":
+        motion = looped_motion(motion, size)
     config = sized_config(size if kind == "uv" else 128)
     case = make_case(scene, motion, vertices=vertices, config=config, predicted=predicted)
     n = len(case.template.T)
@@ -75,7 +80,6 @@ def point(kind: str, size: int, scene: Scene, motion, predicted: np.ndarray | No
         ms = np.median(collision_samples(case, whole_body=True)[0])
         return {"size": len(body.vertices), "collision ms": float(ms)}
     if kind == "frames":
-        case = case._replace(x=FrameInput(*(leaf[:size] for leaf in case.x)))
         return {"size": size, "networks ms": float(network_samples(case).sum() * CHUNK)}
     copies = size if kind == "batch" else 1
     row = {"size": n if kind == "vertices" else size}
@@ -119,10 +123,10 @@ def main() -> None:
     if options.of == "plot":
         plot(options.files, options.out)
         return
-    frames = max(SIZES["frames"]) if options.of == "frames" else FRAMES
+    frames = None if options.of == "frames" else FRAMES
     scene, motion = dressed(options.clip, frames)
     collides = options.of in ("vertices", "body")
-    predicted = predictions(options.model, options.clip, frames) if options.clip and collides else None
+    predicted = predictions(options.model, options.clip, FRAMES) if options.clip and collides else None
     rows = []
     for size in SIZES[options.of]:
         rows.append(point(options.of, size, scene, motion, predicted))

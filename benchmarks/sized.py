@@ -55,14 +55,17 @@ def sized_config(uv: int, *, rank: int = 0, channels: tuple[int, ...] = CPU_CHAN
     )
 
 
-def dressed(clip: Path | None, frames: int) -> tuple[Scene, Motion]:
-    """Return the scene and motion of the sequence file `clip`, or the embedded skirt and walk without one."""
+def dressed(clip: Path | None, frames: int | None) -> tuple[Scene, Motion]:
+    """Return scene and motion of the sequence file `clip`, or the embedded skirt and walk without one.
+
+    The first `frames` of it; `None`: all of the clip, 500 of the walk.
+    """
     if clip is None:
         from garment_jax.embedded.motions import make_motion
         from garment_jax.embedded.scene import make_outfit
 
         scene, _ = make_outfit("skirt")
-        return scene, make_motion("walk", scene.body, seconds=frames / 30)
+        return scene, make_motion("walk", scene.body, seconds=(frames or 500) / 30)
     with open_sequence(clip) as sequence:
         motion = sequence.motion
         return sequence.scene, Motion(motion.rotations[:frames], motion.root[:frames], motion.fps)

@@ -1,14 +1,12 @@
 """Up-convolutions as the networks have them, against XLA's own transposed convolution.
 
-    python benchmarks/up_convolution.py [--check] [--json FILE]
+    python benchmarks/up_convolution.py [--json FILE]
 
 The layers of D_dyn at UV 128 x 128 (one frame) and 64 x 64 (one frame, a training batch of 48). Times are
-medians, rates count four taps a texel of the output. `--check` exits with 1 where all layers of a decoder
-together take more than 0.8 of the transposed convolutions' time: a ratio within one run, not a time.
+medians, rates count four taps a texel of the output. `regressions.py` holds the ratio to a bound.
 """
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from measured import report
 
 from garment_jax.generative.convolution import up_convolution
 
-LIMIT = 0.8  # of the transposed convolutions' time, at most
 DECODERS = {"UV 128": (128, 1), "UV 64": (64, 1), "UV 64, batch of 48": (64, 48)}
 CHANNELS = (24, 48, 96, 128)
 REPEATS = 16  # products in a row in one program: one alone is shorter than a call
@@ -61,22 +58,8 @@ def seconds(way: Callable, x: jax.Array, kernel: jax.Array) -> float:
     return median_seconds(jax.jit(run), x, kernel, repeats=5) / REPEATS
 
 
-def slow_decoders(rows: list[dict]) -> list[str]:
-    """Return the decoders whose layers together take more than `LIMIT` of the transposed ones."""
-    slow = []
-    for name in {row["decoder"]: None for row in rows}:
-        own = [row for row in rows if row["decoder"] == name]
-        networks, transposed = (sum(row[f"{way} ms"] for row in own) for way in WAYS)
-        if networks > LIMIT * transposed:
-            slow.append(name)
-    return slow
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+def measured() -> list[dict]:
+    """Return a row for every layer."""
     rng, rows = np.random.default_rng(0), []
     for name, (size, batch) in DECODERS.items():
         for side, inputs, outputs in layers(size):
@@ -88,10 +71,25 @@ def main() -> None:
                 row[f"{way} ms"] = 1e3 * seconds(function, x, kernel)
             row["ratio"] = row["networks ms"] / row["transposed ms"]
             rows.append(row | {"GFLOP/s": flops / row["networks ms"] / 1e6})
-    report(rows, title="Up-convolution", facts={}, json_path=options.json)
-    if options.check and (slow := slow_decoders(rows)):
-        print(f"more than {LIMIT} of a transposed convolution: {', '.join(slow)}", file=sys.stderr)
-        sys.exit(1)
+    return rows
+
+
+def decoder_ratios(rows: list[dict]) -> dict[str, float]:
+    """Return the time of each decoder's layers together, of the transposed ones'."""
+    found = {}
+    for name in {row["decoder"]: None for row in rows}:
+        own = [row for row in rows if row["decoder"] == name]
+        networks, transposed = (sum(row[f"{way} ms"] for row in own) for way in WAYS)
+        found[name] = networks / transposed
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = measured()
+    report(rows, title="Up-convolution", facts=decoder_ratios(rows), json_path=options.json)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
+from garment_jax.structs import RiggedBody
 from tests.benchmarks.scripts import script
 
-counts, growth, operations, up = (script(x) for x in ("counts", "growth", "operations", "up_convolution"))
+NAMES = ("counts", "growth", "operations", "regressions", "up_convolution")
+counts, growth, operations, regressions, up = (script(x) for x in NAMES)
 
 
 def taps(size: int, channels: tuple[int, ...]) -> int:
@@ -40,6 +42,17 @@ def test_exponents_of_a_power_law_are_its_own():
     assert fitted == pytest.approx(0.5)
 
 
+def test_a_finer_body_has_four_triangles_for_one_and_weights_that_sum_to_one():
+    eye = np.eye(3, dtype=np.float32)
+    one = np.array([[0, 1, 2]], np.int32)
+    body = RiggedBody(eye, one, np.zeros((1, 3), np.float32), np.array([-1], np.int32), ("root",), eye)
+    finer = growth.finer_body(body, 2)
+    assert finer.faces.shape == (16, 3)
+    np.testing.assert_allclose(
+        finer.skin_weights, finer.vertices
+    )  # a weight is a barycentric coordinate here
+
+
 def test_a_profile_is_summed_by_operation_without_what_holds_others():
     events = [
         {"dur": 5.0, "args": {"hlo_op": "dot.1"}},
@@ -55,9 +68,17 @@ def test_a_profile_is_summed_by_operation_without_what_holds_others():
     assert [row["made by"] for row in rows] == ["", "E_s/dot_general"]
 
 
-def test_a_decoder_is_slow_where_its_sum_is_near_the_transposed_ones():
+def test_a_decoders_ratio_is_of_its_layers_together():
     def row(decoder: str, own: float, other: float) -> dict:
         return {"decoder": decoder, "networks ms": own, "transposed ms": other}
 
     rows = [row("a", 2.0, 2.0), row("a", 1.0, 2.0), row("b", 3.0, 1.0), row("b", 1.0, 3.0)]
-    assert up.slow_decoders(rows) == ["b"]  # a: 3 of 4, b: 4 of 4
+    assert up.decoder_ratios(rows) == {"a": 0.75, "b": 1.0}
+
+
+def test_a_ratio_beyond_its_bound_is_slow():
+    assert regressions.judged("a", 0.8, at_most=0.8)["verdict"] == "holds"
+    assert regressions.judged("a", 0.81, at_most=0.8)["verdict"] == "SLOW"
+    assert regressions.judged("a", 1.4, at_least=1.4)["verdict"] == "holds"
+    assert regressions.judged("a", 1.39, at_least=1.4)["verdict"] == "SLOW"
+    assert regressions.judged("a", float("nan"), at_most=0.8)["verdict"] == "SLOW"

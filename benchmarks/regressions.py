@@ -1,0 +1,91 @@
+"""Has anything become slow? Ratios of times within one run, each with its bound.
+
+    python benchmarks/regressions.py [--json FILE]          # or `make check-speed`
+
+Exits with 1 where one is broken. No clip and no trained model: the embedded garment's UV square as a grid of
+9,352 vertices, random parameters, UV 128 x 128; the solver on 2,800. A ratio within one run says the same on
+a fast machine and on a slow one; run it on an idle one all the same. The bounds leave a third over what was
+measured (`docs/performance.md`).
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from counts import frame_work, parameter_bytes
+from machine_rates import matmul_rate, median_seconds, read_rate
+from measured import report
+from pipeline_speed import collision_samples, network_samples
+from sized import Case, dressed, make_case, sized_config
+from up_convolution import decoder_ratios, measured
+
+from garment_jax.rollout.step import step
+from garment_jax.structs import FrameInput
+
+FRAMES, COPIES = 128, 16
+TIGHT, WIDE = 0.9, 1.5  # the garment's width for the solver, of the template's: in the body, clear of it
+
+
+def step_over_chunk(case: Case, chunk_ms: float) -> float:
+    """Return the time of a frame called by itself, of one in a compiled chunk."""
+    x = FrameInput(*(jnp.asarray(leaf[0]) for leaf in case.x))
+    run = jax.jit(lambda p, state, x: step(p, state, x, template=case.template, config=case.config))
+    return 1e3 * median_seconds(run, case.params, case.start, x, repeats=50) / chunk_ms
+
+
+def of_limit(case: Case, chunk_ms: float) -> float:
+    """Return which part of the machine's limit a frame reaches, as in `pipeline_speed.py`."""
+    flops, memory = matmul_rate(), read_rate(parameter_bytes(case.params))
+    work = frame_work(case.params, case.template, case.config).values()
+    return 1e3 * sum(max(w.flops / flops, w.bytes / memory) for w in work) / chunk_ms
+
+
+def free_over_contact(case: Case) -> float:
+    """Return the solver's time for a frame without contact, of one with."""
+    wide, tight = (case._replace(V=case.V * np.array([s, 1.0, s], np.float32)) for s in (WIDE, TIGHT))
+    (free, touched), (contact, touching) = (collision_samples(c, whole_body=False) for c in (wide, tight))
+    if touched or not touching:
+        sys.exit(
+            f"the solver's cases are wrong: {touched:.0%} of the wide frames touch, {touching:.0%} of the others"
+        )
+    return float(np.median(free) / np.median(contact))
+
+
+def judged(name: str, value: float, *, at_most: float | None = None, at_least: float | None = None) -> dict:
+    """Return a row with its verdict."""
+    held = (at_most is None or value <= at_most) and (at_least is None or value >= at_least)
+    bound = f"<= {at_most}" if at_most is not None else f">= {at_least}"
+    return {"ratio": name, "value": float(value), "bound": bound, "verdict": "holds" if held else "SLOW"}
+
+
+def rows() -> list[dict]:
+    """Measure every ratio."""
+    scene, motion = dressed(None, FRAMES)
+    case = make_case(scene, motion, vertices=9_352, config=sized_config(128))
+    small = make_case(scene, motion, vertices=2_800, config=sized_config(64))
+    chunk = float(np.median(network_samples(case)))
+    batch = float(np.median(network_samples(case, copies=COPIES))) / COPIES
+    found = [
+        judged("networks: the machine's limit / a frame", of_limit(case, chunk), at_least=0.25),
+        judged("networks: a frame by itself / in a chunk", step_over_chunk(case, chunk), at_most=2.0),
+        judged(f"networks: frames/s of {COPIES} motions / of one", chunk / batch, at_least=1.4),
+        judged("solver: a frame without contact / with", free_over_contact(small), at_most=0.6),
+    ]
+    decoders = decoder_ratios(measured())
+    return found + [judged(f"up-convolutions / transposed, {d}", r, at_most=0.8) for d, r in decoders.items()]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    found = rows()
+    report(found, title="Regressions", facts={}, json_path=options.json)
+    sys.exit(any(row["verdict"] == "SLOW" for row in found))
+
+
+if __name__ == "__main__":
+    main()
