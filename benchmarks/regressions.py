@@ -48,9 +48,7 @@ def free_over_contact(case: Case) -> float:
     wide, tight = (case._replace(V=case.V * np.array([s, 1.0, s], np.float32)) for s in (WIDE, TIGHT))
     (free, touched), (contact, touching) = (collision_samples(c, whole_body=False) for c in (wide, tight))
     if touched or not touching:
-        sys.exit(
-            f"the solver's cases are wrong: {touched:.0%} of the wide frames touch, {touching:.0%} of the others"
-        )
+        sys.exit(f"wrong cases: {touched:.0%} of the wide frames touch, {touching:.0%} of the tight ones")
     return float(np.median(free) / np.median(contact))
 
 

@@ -70,7 +70,7 @@ def transposed_weights(table: LaplacianTable) -> np.ndarray:
     """
     n, k = table.index.shape
     row = np.repeat(np.arange(n), k)
-    column = np.asarray(table.index).reshape(-1)
+    column = np.asarray(table.index, np.int64).reshape(-1)  # int32 squared overflows beyond 46,340 vertices
     real = row != column
     forward, backward = row * n + column, column * n + row
     order = np.argsort(forward[real])

@@ -27,6 +27,18 @@ def test_transposed_weights_are_the_transpose(kind):
     np.testing.assert_allclose(back, forward.T, atol=1e-7)
 
 
+def test_transposed_weights_of_fifty_thousand_vertices():
+    n = 50_000  # its square is beyond 32 bits
+    k = np.arange(n - 2, dtype=np.int32)
+    table = uniform_table(np.stack([k, k + 1, k + 2], axis=1), n)  # a strip
+    back = transposed_weights(table)
+    i = np.random.default_rng(0).integers(2, n - 2, 1000)
+    for j in (i - 2, i - 1, i + 1, i + 2):
+        there = (table.weight[j] * (table.index[j] == i[:, None])).sum(axis=1)
+        here = (back[i] * (table.index[i] == j[:, None])).sum(axis=1)
+        np.testing.assert_allclose(here, there)
+
+
 def test_lipschitz_is_just_above_the_largest_eigenvalue():
     V, faces = sheet()
     table = uniform_table(faces, len(V))
