@@ -23,7 +23,11 @@ from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.sequence import open_sequence
-from garment_jax.evaluation.penetration import neighbour_faces, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    signed_distance,
+)
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.calibration import measured_ms
 from garment_jax.rollout.model import Model, load_model
@@ -61,7 +65,12 @@ def depth_cm(V: np.ndarray, clip: Clip, every: int) -> float:
     for t in range(0, len(V), every):
         _, collider = pose_carried(carried, scene, clip.motion, slice(t, t + 1))
         local = to_root(V[t : t + 1].astype(np.float64), clip.motion.root[t : t + 1], yaw[t : t + 1])
-        depths.append(max(-signed_distance(local[0, free], collider[0], faces, neighbours).min(), 0.0))
+        depths.append(
+            max(
+                -signed_distance(local[0, free], closed_surface(collider[0], faces, neighbours)).min(),
+                0.0,
+            )
+        )
     return 100 * float(np.mean(depths))
 
 

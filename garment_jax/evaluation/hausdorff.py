@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from garment_jax.evaluation.surface import closest_point, make_surface
+from garment_jax.evaluation.surface import farthest, make_surface
 
 
 def hausdorff_frame(V: np.ndarray, V_star: np.ndarray, faces: np.ndarray) -> float:
@@ -11,9 +11,8 @@ def hausdorff_frame(V: np.ndarray, V_star: np.ndarray, faces: np.ndarray) -> flo
     One side is the farthest that a vertex of `V` `[n, 3]` (metres) lies from the *surface* of
     `V_star`, the other the reverse; exact (see `surface.py`).
     """
-    there = closest_point(V, make_surface(V_star, faces)).distance.max()
-    back = closest_point(V_star, make_surface(V, faces)).distance.max()
-    return float(100.0 * max(there, back))
+    there = farthest(V, make_surface(V_star, faces))
+    return 100.0 * farthest(V_star, make_surface(V, faces), at_least=there)
 
 
 def hausdorff(V: np.ndarray, V_star: np.ndarray, faces: np.ndarray, *, every: int = 1) -> float:

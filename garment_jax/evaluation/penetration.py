@@ -4,12 +4,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.evaluation.surface import SurfacePoint, closest_point, make_surface
+from garment_jax.evaluation.surface import Surface, SurfacePoint, closest_point, make_surface
 from garment_jax.evaluation.triangles import FACE, cross, dot
 from garment_jax.geometry.winding_number import winding_number
 
 TOLERANCE_MM = 0.1  # a vertex counts as inside below minus this
 ROOM_MM = 1.0  # that a vertex needs outside the body: cloth is about as thick
+
+
+class ClosedSurface(NamedTuple):
+    """A closed surface of one frame, prepared for signed distances."""
+
+    surface: Surface
+    vertices: np.ndarray  # [n, 3] float64 metres
+    faces: np.ndarray  # [f, 3]
+    flat: np.ndarray  # [f, 3] unit normals of the faces; 0 for a face without area
+    at_vertex: np.ndarray  # [n, 3] angle-weighted sums of them, not normalised
+    neighbours: np.ndarray  # [f, 3], see `neighbour_faces`
 
 
 class Penetration(NamedTuple):
@@ -40,25 +51,31 @@ def neighbour_faces(faces: np.ndarray) -> np.ndarray:
     return (twin // 3).reshape(-1, 3)
 
 
-def signed_distance(
-    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray
-) -> np.ndarray:
+def closed_surface(vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray) -> ClosedSurface:
+    """Prepare a closed surface `[n, 3]` (metres), `[f, 3]`; `neighbours` as from `neighbour_faces`."""
+    vertices = vertices.astype(np.float64)
+    corners = vertices[faces]
+    flat = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(flat, axis=-1, keepdims=True)
+    flat = flat / np.where(length > 0, length, 1.0)  # a face without area has no say: zero
+    at_vertex = _vertex_normals(corners, flat, faces, len(vertices))
+    return ClosedSurface(make_surface(vertices, faces), vertices, faces, flat, at_vertex, neighbours)
+
+
+def signed_distance(points: np.ndarray, closed: ClosedSurface) -> np.ndarray:
     """Return the exact signed distance `[q]` of `points` `[q, 3]` to a closed surface, metres.
 
     Positive outside. The sign is that of the angle-weighted pseudo-normal at the closest feature
     (Baerentzen and Aanaes 2005), which is exact for a closed surface that does not cross itself;
-    where a posed body does, the nearest sheet decides. `neighbours` as from `neighbour_faces`.
+    where a posed body does, the nearest sheet decides.
     """
-    points, vertices = points.astype(np.float64), vertices.astype(np.float64)
-    hit = closest_point(points, make_surface(vertices, faces))
-    normal = _pseudo_normal(hit, vertices, faces, neighbours)
-    outward = dot(points - hit.point, normal)
+    points = points.astype(np.float64)
+    hit = closest_point(points, closed.surface)
+    outward = dot(points - hit.point, _pseudo_normal(hit, closed))
     return np.where(outward < 0, -hit.distance, hit.distance)
 
 
-def pinched(
-    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray
-) -> np.ndarray:
+def pinched(points: np.ndarray, closed: ClosedSurface) -> np.ndarray:
     """Return which of `points` `[q, 3]`, all inside, lie where the closed surface crosses itself, `[q]`.
 
     Two parts of a body that cover each other, as thighs do in a split, leave a vertex between them no way
@@ -66,29 +83,21 @@ def pinched(
     once (winding number 1.5 or more), or `ROOM_MM` outside its nearest surface it is inside again (0.5 or
     more).
     """
-    points, vertices = points.astype(np.float64), vertices.astype(np.float64)
-    hit = closest_point(points, make_surface(vertices, faces))
-    normal = _pseudo_normal(hit, vertices, faces, neighbours)
+    points = points.astype(np.float64)
+    hit = closest_point(points, closed.surface)
+    normal = _pseudo_normal(hit, closed)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     way_out = hit.point + ROOM_MM / 1000.0 * normal / np.where(length > 0, length, 1.0)
-    covered_twice = winding_number(points, vertices, faces) >= 1.5
-    return covered_twice | (winding_number(way_out, vertices, faces) >= 0.5)
+    covered_twice = winding_number(points, closed.vertices, closed.faces) >= 1.5
+    return covered_twice | (winding_number(way_out, closed.vertices, closed.faces) >= 0.5)
 
 
-def _pseudo_normal(
-    hit: SurfacePoint, vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarray
-) -> np.ndarray:
-    corners = vertices[faces]
-    flat = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(flat, axis=-1, keepdims=True)
-    flat = flat / np.where(length > 0, length, 1.0)  # a face without area has no say: zero
-    normal = flat[hit.face].copy()
+def _pseudo_normal(hit: SurfacePoint, closed: ClosedSurface) -> np.ndarray:
+    normal = closed.flat[hit.face].copy()
     edge = (hit.feature >= 3) & (hit.feature < FACE)
-    normal[edge] += flat[neighbours[hit.face[edge], hit.feature[edge] - 3]]
+    normal[edge] += closed.flat[closed.neighbours[hit.face[edge], hit.feature[edge] - 3]]
     corner = hit.feature < 3
-    if corner.any():
-        at = faces[hit.face[corner], hit.feature[corner]]
-        normal[corner] = _vertex_normals(corners, flat, faces, len(vertices))[at]
+    normal[corner] = closed.at_vertex[closed.faces[hit.face[corner], hit.feature[corner]]]
     return normal
 
 

@@ -1,5 +1,7 @@
 """The figures of single frames: those that cost little, and those of sampled frames."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from garment_jax.body.kinematics import collider_points, pose_body
@@ -7,7 +9,14 @@ from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift, sted
 from garment_jax.evaluation.clip_tables import Tables
 from garment_jax.evaluation.hausdorff import hausdorff_frame
-from garment_jax.evaluation.penetration import is_inside, penetration, pinched, signed_distance
+from garment_jax.evaluation.penetration import (
+    ClosedSurface,
+    closed_surface,
+    is_inside,
+    penetration,
+    pinched,
+    signed_distance,
+)
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
 
@@ -51,42 +60,46 @@ def sampled_frames(
     frames = np.arange(start, start + len(V))
     frames = frames[frames % every == 0]
     rows: dict[str, list[float]] = {"frame": []}
-    solids = _solids(q, tables, frames)
-    for k, frame in enumerate(frames):
+    for frame, solids in zip(frames, _solids(q, tables, frames), strict=True):
         v, v_star = V[frame - start], V_star[frame - start]
         row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
         for prefix, x in (("", v), ("truth_", v_star)):
             row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
-            row |= {prefix + name: value for name, value in _inside(x, q, tables, solids, k).items()}
+            row |= {prefix + name: value for name, value in _inside(x, *solids).items()}
         for name, value in row.items():
             rows.setdefault(name, []).append(value)
     return {name: np.asarray(values) for name, values in rows.items()} if len(frames) else {}
 
 
-def _solids(q: Sequence, tables: Tables, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the posed body and collider `[k, ., 3]` relative to the root, or None without collider."""
-    if q.scene.collider is None or tables.collider is None or not len(frames):
-        return None
+def _solids(
+    q: Sequence, tables: Tables, frames: np.ndarray
+) -> Iterator[tuple[ClosedSurface | None, ClosedSurface | None]]:
+    """Yield each frame's posed collider and closed body relative to the root, None for what there is not."""
+    collider = None if tables.collider is None else q.scene.collider
+    if collider is None or tables.collider is None or not len(frames):
+        yield from [(None, None)] * len(frames)
+        return
     body = pose_body(q.scene.body, q.motion, frames).astype(np.float64)
     body -= q.motion.root[frames, None]
-    return body, collider_points(q.scene.collider, body)
+    for whole, part in zip(body, collider_points(collider, body), strict=True):
+        closed = closed_surface(part, collider.faces, tables.collider)
+        if tables.body is None:
+            yield closed, None
+        else:
+            yield closed, closed_surface(whole, q.scene.body.faces, tables.body)
 
 
-def _inside(
-    v: np.ndarray, q: Sequence, tables: Tables, solids: tuple[np.ndarray, np.ndarray] | None, k: int
-) -> dict[str, float]:
+def _inside(v: np.ndarray, collider: ClosedSurface | None, body: ClosedSurface | None) -> dict[str, float]:
     """Return one frame's penetration of the collider and, apart, of the rest of the body.
 
     Apart, too, those vertices inside the collider that nothing can push out, and the others alone.
     """
-    if solids is None or q.scene.collider is None or tables.collider is None:
+    if collider is None:
         return {}
-    body, collider = solids
-    surface = collider[k], q.scene.collider.faces, tables.collider
-    d = signed_distance(v, *surface)
+    d = signed_distance(v, collider)
     inside = is_inside(d)
     stuck = np.zeros(len(v), bool)
-    stuck[inside] = pinched(v[inside], *surface) if inside.any() else False
+    stuck[inside] = pinched(v[inside], collider) if inside.any() else False
     in_collider, unpinched = penetration(d), penetration(np.where(stuck, np.inf, d))
     row = {
         "inside_percent": in_collider.inside_percent,
@@ -95,8 +108,7 @@ def _inside(
         "unpinched_inside_percent": unpinched.inside_percent,
         "unpinched_deepest_mm": unpinched.deepest_mm,
     }
-    if tables.body is not None:
-        whole = signed_distance(v, body[k], q.scene.body.faces, tables.body)
-        rest = penetration(np.where(inside, np.inf, whole))
+    if body is not None:
+        rest = penetration(np.where(inside, np.inf, signed_distance(v, body)))
         row |= {"arms_inside_percent": rest.inside_percent, "arms_deepest_mm": rest.deepest_mm}
     return row

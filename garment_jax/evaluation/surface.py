@@ -11,13 +11,15 @@ handful of corners however far away p is. Triangles are sorted into classes by t
 r, so that one big triangle (a cap) does not widen the search among the small ones.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from garment_jax.evaluation.triangles import closest_on_triangle, cross, dot
+
+NEAREST = 8  # corners that a query looks at before it asks for all within reach
+BLOCK = 128  # points that `farthest` asks about at a time
 
 
 class SizeClass(NamedTuple):
@@ -86,31 +88,61 @@ def closest_point(points: np.ndarray, surface: Surface) -> SurfacePoint:
         np.zeros(len(points), np.int64),
         np.zeros(len(points), np.int8),
     )
-    for group, chosen, corner in _nearest_corners(points, surface):
-        _improve(best, points, surface, *_faces_of(group, chosen, corner))
-    for group in surface.classes:
-        reach = np.sqrt(best.distance**2 + group.radius**2) * (1 + 1e-9)
-        found = group.tree.query_ball_point(points, reach, return_sorted=False)
-        count = np.fromiter(map(len, found), np.int64, len(points))
-        if not count.any():
+    found = [_nearest_corners(points, group) for group in surface.classes]
+    nearest = np.argmin([distance[:, 0] for distance, _ in found], axis=0)
+    for i, group in enumerate(surface.classes):
+        chosen = np.flatnonzero(nearest == i)
+        _improve(best, points, surface, *_faces_of(group, chosen, found[i][1][chosen, 0]))
+    for group, (distance, corner) in zip(surface.classes, found, strict=True):
+        query, corner = _within_reach(points, best.distance, group, distance, corner)
+        if not len(query):
             continue
-        query = np.repeat(np.arange(len(points)), count)
-        corner = np.concatenate([np.asarray(f, np.int64) for f in found if f])
         query, face = _faces_of(group, query, corner)
         _improve(best, points, surface, *_still_possible(query, face, points, surface, best))
     return best
 
 
-def _nearest_corners(
-    points: np.ndarray, surface: Surface
-) -> Iterator[tuple[SizeClass, np.ndarray, np.ndarray]]:
-    """Yield each class with the queries whose nearest corner is in it, and that corner."""
-    found = [group.tree.query(points) for group in surface.classes]
-    nearest = np.argmin([distance for distance, _ in found], axis=0)
-    for i, group in enumerate(surface.classes):
-        chosen = np.flatnonzero(nearest == i)
-        if len(chosen):
-            yield group, chosen, found[i][1][chosen]
+def farthest(points: np.ndarray, surface: Surface, *, at_least: float = 0.0) -> float:
+    """Return the largest distance of `points` `[q, 3]` to `surface`, metres, or `at_least` if that is more.
+
+    The nearest corner bounds each distance from above; exact distances are asked for in descending order of
+    these bounds until none left can be the largest.
+    """
+    points = points.astype(np.float64)
+    bound = np.min([group.tree.query(points)[0] for group in surface.classes], axis=0)
+    order, largest, start = np.argsort(-bound), at_least, 0
+    while start < len(order) and bound[order[start]] > largest:
+        asked = order[start : start + BLOCK]
+        asked = asked[bound[asked] > largest]
+        largest = max(largest, float(closest_point(points[asked], surface).distance.max()))
+        start += BLOCK
+    return largest
+
+
+def _nearest_corners(points: np.ndarray, group: SizeClass) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances `[q, k]` of the nearest corners, ascending, and these corners."""
+    distance, corner = group.tree.query(points, k=np.arange(1, min(NEAREST, group.tree.n) + 1))
+    return distance, corner
+
+
+def _within_reach(
+    points: np.ndarray, best: np.ndarray, group: SizeClass, distance: np.ndarray, corner: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (query, corner) pairs whose triangles may come within the distances `best` `[q]`.
+
+    For most queries they are among the nearest ones, which a tree finds faster than all in a ball.
+    """
+    reach = np.sqrt(best**2 + group.radius**2) * (1 + 1e-9)
+    near = distance <= reach[:, None]
+    many = near[:, -1] & (distance.shape[1] < group.tree.n)
+    query, place = np.nonzero(near & ~many[:, None])
+    ball = np.flatnonzero(many)
+    if not len(ball):
+        return query, corner[query, place]
+    found = group.tree.query_ball_point(points[ball], reach[ball], return_sorted=False)
+    count = np.fromiter(map(len, found), np.int64, len(found))
+    corners = np.concatenate([np.asarray(f, np.int64) for f in found])
+    return np.concatenate([query, np.repeat(ball, count)]), np.concatenate([corner[query, place], corners])
 
 
 def _faces_of(group: SizeClass, query: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_PAIRS = 1_000_000  # of a point and a triangle in memory at a time; each takes about 200 bytes
+_PAIRS = 60_000  # of a point and a triangle at a time: their numbers stay in the cache
 
 
 def winding_number(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -20,10 +20,14 @@ def winding_number(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) 
 
 
 def _around(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    a, b, c = (corners[None, :, k] - points[:, None] for k in range(3))
-    la, lb, lc = (np.sqrt(np.einsum("qfx,qfx->qf", x, x)) for x in (a, b, c))
-    volume = np.einsum("qfx,qfx->qf", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("qfx,qfx->qf", x, y) for x, y in ((a, b), (b, c), (c, a)))
+    # coordinates apart: products of whole arrays take a third of the time of einsum and cross on short axes
+    a, b, c = ([corners[:, k, x] - points[:, x, None] for x in range(3)] for k in range(3))
+    la, lb, lc = (np.sqrt(_dot(x, x)) for x in (a, b, c))
+    across = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]]
     # arctan2(0, 0) is 0: a triangle without area, or one that has the point as a corner, has no say
-    angle = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return angle.sum(axis=1) / (4 * np.pi)
+    beside = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
+    return np.arctan2(_dot(a, across), beside).sum(axis=1) / (2 * np.pi)
+
+
+def _dot(u: list[np.ndarray], v: list[np.ndarray]) -> np.ndarray:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]

@@ -11,7 +11,12 @@ import numpy as np
 
 from garment_jax.body.kinematics import collider_points, pose_body
 from garment_jax.evaluation.cloth import edge_strain, rest_lengths
-from garment_jax.evaluation.penetration import neighbour_faces, penetration, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    penetration,
+    signed_distance,
+)
 from garment_jax.evaluation.self_intersections import self_intersections
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
@@ -100,7 +105,8 @@ def _penetration(scene: Scene, motion: Motion, V: np.ndarray, which: np.ndarray)
     except ValueError:  # many bodies are open at eyes or mouth: they have no inside to be in
         return np.zeros((0, 2))
     rows = [
-        penetration(signed_distance(V[t], p, faces, neighbours)) for t, p in zip(which, points, strict=True)
+        penetration(signed_distance(V[t], closed_surface(p, faces, neighbours)))
+        for t, p in zip(which, points, strict=True)
     ]
     return np.array([[row.inside_percent, row.deepest_mm] for row in rows])
 

@@ -20,7 +20,13 @@ from garment_jax.collision import (
     make_collision_tables,
     resolve_collisions,
 )
-from garment_jax.evaluation.penetration import TOLERANCE_MM, neighbour_faces, pinched, signed_distance
+from garment_jax.evaluation.penetration import (
+    TOLERANCE_MM,
+    closed_surface,
+    neighbour_faces,
+    pinched,
+    signed_distance,
+)
 from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.surface_tables import SurfaceTables
@@ -132,13 +138,13 @@ def _measure(V: np.ndarray, C: np.ndarray, contact: Contact, crossing: bool) -> 
     """Return the exact signed distance `[n]` (metres; NaN if not finite) and who is held from two sides."""
     if not np.isfinite(V).all():
         return np.full(len(V), np.nan), np.zeros(len(V), bool)
-    d = signed_distance(V, C, contact.faces, contact.neighbours)
+    d = signed_distance(V, closed_surface(C, contact.faces, contact.neighbours))
     if not crossing:
         return d, np.zeros(len(V), bool)
     around = winding_number(V, C, contact.faces)
     d = np.where(around >= 0.5, -np.abs(d), np.abs(d))
     held, inside = np.zeros(len(V), bool), np.flatnonzero(d < -1e-3 * TOLERANCE_MM)
-    held[inside] = pinched(V[inside], C, contact.faces, contact.neighbours)
+    held[inside] = pinched(V[inside], closed_surface(C, contact.faces, contact.neighbours))
     return d, held
 
 

@@ -11,7 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from garment_jax.evaluation.penetration import neighbour_faces, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    signed_distance,
+)
 from garment_jax.geometry.closest_point import closest_point_exact
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.normals import vertex_normals
@@ -107,7 +111,7 @@ def _closest(garment: Garment) -> Routine:
         return closest_point_exact(p, v, tables).ds
 
     def exact(p: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return signed_distance(p, v, faces, neighbours)
+        return signed_distance(p, closed_surface(v, faces, neighbours))
 
     return Routine(
         "signed distance", len(vertices), f, (points, vertices), 1e3, "mm", 0.01, exact, half=False

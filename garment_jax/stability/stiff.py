@@ -13,7 +13,7 @@ import numpy as np
 
 from garment_jax.collision import make_collision_tables
 from garment_jax.embedded.scene import make_scene
-from garment_jax.evaluation.penetration import signed_distance
+from garment_jax.evaluation.penetration import closed_surface, signed_distance
 from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, laplacian, uniform_table
 from garment_jax.geometry.normals import vertex_normals
 from garment_jax.geometry.surface_tables import make_surface_tables
@@ -124,7 +124,7 @@ def _collapsed(x: np.ndarray, faces: np.ndarray, short: float) -> np.ndarray:
 
 def _thin_body(contact: Contact, V: np.ndarray) -> Iterator[Case]:
     """Yield the cases of a body with slivers and triangles without area, the surface itself the same."""
-    exact = signed_distance(V, contact.C, contact.faces, contact.neighbours)
+    exact = signed_distance(V, closed_surface(contact.C, contact.faces, contact.neighbours))
     for at, name in ((1e-3, "edges of 1 : 1000"), (0.0, "triangles without area")):
         C, faces = with_split_edges(contact.C, contact.faces, at)
         tables = make_surface_tables(C, faces)

@@ -7,7 +7,12 @@ import numpy as np
 from garment_jax.body.kinematics import collider_points, pose_body
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.pair import read_finite
-from garment_jax.evaluation.penetration import is_inside, neighbour_faces, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    is_inside,
+    neighbour_faces,
+    signed_distance,
+)
 
 
 def inside_bits(
@@ -29,7 +34,9 @@ def inside_bits(
         root = clip.motion.root[frame]
         body = pose_body(clip.scene.body, clip.motion, np.array([frame]))[0].astype(np.float64) - root
         V = read_finite(clip, frame, frame + 1)[0] - root
-        distance = signed_distance(V, collider_points(collider, body), collider.faces, neighbours)
+        distance = signed_distance(
+            V, closed_surface(collider_points(collider, body), collider.faces, neighbours)
+        )
         rows.append(np.packbits(is_inside(distance), bitorder="little"))
         report(done + 1)
     return np.stack(rows)

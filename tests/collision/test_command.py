@@ -11,7 +11,11 @@ from garment_jax.collision.command import Report, collide_file, summary
 from garment_jax.collision.sequence import FrameFigures
 from garment_jax.collision.solid import everything
 from garment_jax.data.sequence import SequenceWriter, open_sequence
-from garment_jax.evaluation.penetration import neighbour_faces, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    signed_distance,
+)
 from garment_jax.structs import Collider, Scene
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
@@ -65,7 +69,10 @@ def lowest(path: Path, collider: Collider) -> np.ndarray:
     free = np.setdiff1d(np.arange(V.shape[1]), SCENE.pins.vertices)
     neighbours, posed = neighbour_faces(collider.faces), collider_points(collider, body)
     return np.array(
-        [signed_distance(v[free], c, collider.faces, neighbours).min() for v, c in zip(V, posed, strict=True)]
+        [
+            signed_distance(v[free], closed_surface(c, collider.faces, neighbours)).min()
+            for v, c in zip(V, posed, strict=True)
+        ]
     )
 
 

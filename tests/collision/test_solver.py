@@ -17,7 +17,11 @@ from garment_jax.collision import (
     resolve_collisions,
 )
 from garment_jax.data.packed_clip import decode_steps, find_assets, read_scene
-from garment_jax.evaluation.penetration import neighbour_faces, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    signed_distance,
+)
 from garment_jax.geometry.closest_point import closest_point_exact
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.surface_tables import make_surface_tables
@@ -203,7 +207,7 @@ def test_a_real_skirt_pushed_into_the_body_comes_out(shared_data, clip):
         result, state = frame(pushed, C, state, pin_positions=V[scene.pins.vertices])
         free = np.ones(len(V), bool)
         free[scene.pins.vertices] = False
-        after = signed_distance(np.asarray(result.V)[free], np.asarray(C), faces, neighbours)
+        after = signed_distance(np.asarray(result.V)[free], closed_surface(np.asarray(C), faces, neighbours))
         assert result.penetrating_before > 20
         assert after.min() > -1e-4
         np.testing.assert_array_equal(result.V[scene.pins.vertices], V[scene.pins.vertices])

@@ -3,7 +3,13 @@ import pytest
 import trimesh
 
 from garment_jax.body.kinematics import collider_points, pose_body
-from garment_jax.evaluation.penetration import neighbour_faces, penetration, pinched, signed_distance
+from garment_jax.evaluation.penetration import (
+    closed_surface,
+    neighbour_faces,
+    penetration,
+    pinched,
+    signed_distance,
+)
 from tests.reference.scene import make_motion, make_scene
 
 
@@ -28,7 +34,7 @@ def _box_distance(points, half):
 def test_box_in_closed_form_at_faces_edges_and_corners():
     box = trimesh.creation.box(extents=(2.0, 1.0, 0.5))
     points = np.random.default_rng(4).uniform(-1.6, 1.6, (600, 3))
-    distance = signed_distance(points, box.vertices, box.faces, neighbour_faces(box.faces))
+    distance = signed_distance(points, closed_surface(box.vertices, box.faces, neighbour_faces(box.faces)))
     np.testing.assert_allclose(distance, _box_distance(points, [1.0, 0.5, 0.25]), atol=1e-12)
 
 
@@ -37,7 +43,7 @@ def test_sign_equals_the_winding_number_and_size_trimesh_on_a_concave_solid():
     r = 1 + 0.45 * np.sin(4 * mesh.vertices[:, :1]) * np.cos(5 * mesh.vertices[:, 1:2])
     vertices, faces = mesh.vertices * r, mesh.faces
     points = np.random.default_rng(5).uniform(-1.5, 1.5, (200, 3))
-    distance = signed_distance(points, vertices, faces, neighbour_faces(faces))
+    distance = signed_distance(points, closed_surface(vertices, faces, neighbour_faces(faces)))
     inside = _winding(points, vertices[faces]) > 0.5
     np.testing.assert_array_equal(distance < 0, inside)
     corners = vertices[faces]
@@ -56,7 +62,7 @@ def test_sharp_edges_and_corners_need_all_their_faces():
     outward = ((corners.mean(axis=1) - middle) * flat).sum(axis=1) > 0
     faces = np.where(outward[:, None], faces, faces[:, ::-1])
     points = np.random.default_rng(10).uniform(-1.5, 1.5, (500, 3))
-    distance = signed_distance(points, vertices, faces, neighbour_faces(faces))
+    distance = signed_distance(points, closed_surface(vertices, faces, neighbour_faces(faces)))
     np.testing.assert_array_equal(distance < 0, _winding(points, vertices[faces]) > 0.5)
 
 
@@ -71,8 +77,8 @@ def test_posed_collider_of_the_reference_scene_has_an_inside():
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     outside, inside = corners.mean(1) + 1e-4 * flat, corners.mean(1) - 1e-4 * flat
     neighbours = neighbour_faces(faces)
-    assert (signed_distance(outside, collider, faces, neighbours) > 0).all()
-    assert (signed_distance(inside, collider, faces, neighbours) < 0).all()
+    assert (signed_distance(outside, closed_surface(collider, faces, neighbours)) > 0).all()
+    assert (signed_distance(inside, closed_surface(collider, faces, neighbours)) < 0).all()
 
 
 def test_neighbours_are_the_faces_across_each_edge():
@@ -119,8 +125,8 @@ def test_pinched_is_what_lies_where_the_surface_crosses_itself():
             [0.9, 0.0, 0.4],  # in the right one alone
         ]
     )
-    assert (signed_distance(points, vertices, faces, neighbours) < 0).all()
-    stuck = pinched(points, vertices, faces, neighbours)
+    assert (signed_distance(points, closed_surface(vertices, faces, neighbours)) < 0).all()
+    stuck = pinched(points, closed_surface(vertices, faces, neighbours))
     np.testing.assert_array_equal(stuck, [True, True, False, False])
 
 
@@ -128,6 +134,5 @@ def test_pinched_is_what_lies_where_the_surface_crosses_itself():
 def test_parts_that_touch_pinch_what_lies_at_their_contact_and_parts_apart_do_not(gap, stuck):
     vertices, faces = _two_boxes(gap)
     points = np.array([[0.49, 0.0, 0.0], [0.51 + gap, 0.2, 0.0], [-0.49, 0.0, 0.0]])
-    np.testing.assert_array_equal(
-        pinched(points, vertices, faces, neighbour_faces(faces)), [stuck, stuck, False]
-    )
+    closed = closed_surface(vertices, faces, neighbour_faces(faces))
+    np.testing.assert_array_equal(pinched(points, closed), [stuck, stuck, False])

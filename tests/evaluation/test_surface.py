@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from garment_jax.evaluation.surface import closest_point, enclosing_radius, make_surface
+from garment_jax.evaluation.surface import closest_point, enclosing_radius, farthest, make_surface
 from garment_jax.evaluation.triangles import FACE, closest_on_triangle
 
 
@@ -77,3 +77,13 @@ def test_a_class_of_triangles_that_is_near_none_of_the_queries_is_passed_over():
     assert [len(group.start) - 1 for group in surface.classes] == [9, 6]
     hit = closest_point(np.array([[0.2, 0.2, 0.01]]), surface)
     assert hit.distance[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("spread", [0.1, 1.0, 30.0])
+def test_the_farthest_point_is_the_largest_of_all_distances(spread):
+    mesh = trimesh.creation.icosphere(2)
+    points = spread * np.random.default_rng(3).normal(size=(700, 3))
+    largest = _brute_force(points, mesh.triangles).max()
+    surface = make_surface(mesh.vertices, mesh.faces)
+    assert farthest(points, surface) == pytest.approx(largest, rel=1e-9)
+    assert farthest(points, surface, at_least=2 * largest) == 2 * largest
