@@ -30,6 +30,13 @@ SIZES = {
     "batch": (1, 2, 4, 8, 16, 32),
     "frames": (64, 128, 512, 2048),  # the clip is looped to this length
 }
+UNITS = {
+    "vertices": "vertices of the garment",
+    "uv": "texels a side",
+    "body": "vertices of the body",
+    "batch": "motions side by side",
+    "frames": "frames",
+}
 FRAMES = 4 * CHUNK
 
 
@@ -96,6 +103,7 @@ def plot(files: list[Path], out: Path) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullLocator
 
     figure, panels = plt.subplots(1, len(files), figsize=(3.1 * len(files), 3), squeeze=False)
     for panel, file in zip(panels[0], files, strict=True):
@@ -104,7 +112,9 @@ def plot(files: list[Path], out: Path) -> None:
         for name in (key for key in rows[0] if key != "size"):
             label = f"{name} ({found['facts'][f'{name} exponent']:.2f})"
             panel.loglog([row["size"] for row in rows], [row[name] for row in rows], "o-", label=label)
-        panel.set_xlabel(kind)
+        panel.set_xlabel(UNITS[kind])
+        panel.set_xticks([row["size"] for row in rows], [f"{row['size']:,}" for row in rows], fontsize=6)
+        panel.xaxis.set_minor_locator(NullLocator())
         panel.legend(fontsize=7)
         panel.grid(alpha=0.3)
     figure.tight_layout()
