@@ -141,7 +141,7 @@ def main() -> None:
     for size in SIZES[options.of]:
         rows.append(point(options.of, size, scene, motion, predicted))
         jax.clear_caches()
-    facts: dict = {"of": options.of}
+    facts: dict = {"of": options.of, "clip": options.clip.stem if options.clip else "embedded walk"}
     for name in (key for key in rows[0] if key != "size"):
         facts[f"{name} exponent"], facts[f"{name} last"] = exponents(
             [row["size"] for row in rows], [row[name] for row in rows]

@@ -1,4 +1,4 @@
-"""A rollout of 10,000 frames of looped dance: does it stay bounded, finite, small and fast?
+"""A rollout of looped dance, 10,000 frames or more: does it stay bounded, finite, small and fast?
 
     python benchmarks/long_rollout.py MODEL CLIP [--frames 10000] [--no-detail] [--collision] [--json FILE]
 

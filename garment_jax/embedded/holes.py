@@ -27,7 +27,7 @@ def closed(faces: np.ndarray, keep: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _border(faces: np.ndarray) -> np.ndarray:
     """Return the directed edges `[k, 2]` that have no counterpart."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(pairs.max()) + 1
     return pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], pairs[:, 1] * n + pairs[:, 0])]
 

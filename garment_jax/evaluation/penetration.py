@@ -17,10 +17,10 @@ class ClosedSurface(NamedTuple):
 
     surface: Surface
     vertices: np.ndarray  # [n, 3] float64 metres
-    faces: np.ndarray  # [f, 3]
+    faces: np.ndarray  # [f, 3] int, outward
     flat: np.ndarray  # [f, 3] unit normals of the faces; 0 for a face without area
     at_vertex: np.ndarray  # [n, 3] angle-weighted sums of them, not normalised
-    neighbours: np.ndarray  # [f, 3], see `neighbour_faces`
+    neighbours: np.ndarray  # [f, 3] int, see `neighbour_faces`
 
 
 class Penetration(NamedTuple):

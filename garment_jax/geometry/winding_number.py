@@ -26,7 +26,8 @@ def _around(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     across = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]]
     # arctan2(0, 0) is 0: a triangle without area, or one that has the point as a corner, has no say
     beside = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
-    return np.arctan2(_dot(a, across), beside).sum(axis=1) / (2 * np.pi)
+    volume = _dot(a, across) + 0.0  # no -0: arctan2 would take a point on an edge to the other side
+    return np.arctan2(volume, beside).sum(axis=1) / (2 * np.pi)
 
 
 def _dot(u: list[np.ndarray], v: list[np.ndarray]) -> np.ndarray:

@@ -138,13 +138,14 @@ def _measure(V: np.ndarray, C: np.ndarray, contact: Contact, crossing: bool) -> 
     """Return the exact signed distance `[n]` (metres; NaN if not finite) and who is held from two sides."""
     if not np.isfinite(V).all():
         return np.full(len(V), np.nan), np.zeros(len(V), bool)
-    d = signed_distance(V, closed_surface(C, contact.faces, contact.neighbours))
+    closed = closed_surface(C, contact.faces, contact.neighbours)
+    d = signed_distance(V, closed)
     if not crossing:
         return d, np.zeros(len(V), bool)
     around = winding_number(V, C, contact.faces)
     d = np.where(around >= 0.5, -np.abs(d), np.abs(d))
     held, inside = np.zeros(len(V), bool), np.flatnonzero(d < -1e-3 * TOLERANCE_MM)
-    held[inside] = pinched(V[inside], closed_surface(C, contact.faces, contact.neighbours))
+    held[inside] = pinched(V[inside], closed)
     return d, held
 
 
