@@ -114,6 +114,7 @@ class DynamicsConfig:
     """The local dynamics, a learned simulator in place of the motion encoder (not in the paper)."""
 
     steps: int = 0  # windows; 0 leaves the stage out
+    begin_from: str = ""  # folder of a saved model whose local dynamics training goes on from; "": fresh ones
     rows: int = 28  # texels of its map in v, a multiple of `patch`; about as many as vertices
     columns: int = 112  # texels in u, a multiple of `patch`
     patch: int = 4  # texels along each side of a patch, even

@@ -11,18 +11,20 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import optax
 import pytest
 
 from garment_jax.config import to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.animate import animate_file
 from garment_jax.rollout.model import load_model, save_model
+from garment_jax.training import dynamics_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train, trained_model
 from tests.reference.scene import make_motion, write_clip
-from tests.reference.tiny_dynamics import DYNAMICS
-from tests.rollout.tiny_model import CONFIG, SCENE
+from tests.reference.tiny_dynamics import DYNAMICS, dynamic_model
+from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
 ROOT = Path(__file__).parents[2]
 STAGES = ("generative", "warm_up", "motion", "detail")
@@ -121,6 +123,29 @@ def test_local_dynamics_join_a_finished_run_and_survive_kill_9(
     assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "dynamics"}
     (last,) = read_log(runs[1], stage="dynamics", kind="validation")
     assert 0 < last["waltz_3_rmse_cm"] < 100
+
+
+def test_local_dynamics_begin_from_a_saved_model(
+    tmp_path: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+):
+    begun = []
+
+    def before_the_first_step(run, stage, begin, *_, **__):
+        begun.append(begin(optax.sgd(0.1)))
+        return begun[-1]
+
+    monkeypatch.setattr(dynamics_stage, "optimise", before_the_first_step)
+    folder = save_model(dynamic_model(), tmp_path / "model", bits=32)
+    config = replace(CONFIG, dynamics=replace(DYNAMICS, begin_from=str(folder)))
+    train(config, tmp_path / "run", data_dir=data_dir, stage="dynamics")
+    jax.tree.map(np.testing.assert_array_equal, begun[0].params, dynamic_model().params["dynamics"])
+    wide = replace(config, dynamics=replace(config.dynamics, channels=(6, 12)))
+    with pytest.raises(ValueError, match="has no local dynamics of these widths"):
+        train(wide, tmp_path / "wide", data_dir=data_dir, stage="dynamics")
+    codes = save_model(tiny_model(), tmp_path / "codes")
+    without = replace(config, dynamics=replace(DYNAMICS, begin_from=str(codes)))
+    with pytest.raises(ValueError, match="has no local dynamics"):
+        train(without, tmp_path / "without", data_dir=data_dir, stage="dynamics")
 
 
 def test_local_dynamics_of_no_steps_are_refused(tmp_path: Path, data_dir: Path):
