@@ -4,8 +4,8 @@
 
 Exits with 1 where one is broken. No clip and no trained model: the embedded garment's UV square as a grid of
 9,352 vertices, random parameters, UV 128 x 128; the solver on 2,800. A ratio within one run changes less from
-machine to machine than a time does; run it on an idle one all the same. The bounds leave room for what differs between runs on a shared machine
-(`docs/performance.md`).
+machine to machine than a time does; run it on an idle one all the same. The bounds leave room for what
+differs between runs on a shared machine (`docs/performance.md`).
 """
 
 import argparse
