@@ -6,7 +6,7 @@ from typing import Any
 import jax
 
 from garment_jax.config import Config
-from garment_jax.rollout.model import Model, from_metadata, load_model
+from garment_jax.rollout.model import Model, from_metadata, load_model, model_facts
 from garment_jax.training.run_directory import CHECKPOINTS, STAGES
 
 
@@ -33,6 +33,8 @@ def train(
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     if stage == "dynamics" and not config.dynamics.steps:
         raise ValueError("dynamics.steps = 0 leaves the local dynamics out; give --dynamics.steps a number.")
+    if config.dynamics.steps and config.dynamics.begin_from:
+        model_facts(config.dynamics.begin_from)  # a folder without a model is refused now, not hours later
     last = STAGES.index("dynamics" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])

@@ -142,6 +142,10 @@ def test_local_dynamics_begin_from_a_saved_model(
     wide = replace(config, dynamics=replace(config.dynamics, channels=(6, 12)))
     with pytest.raises(ValueError, match="has no local dynamics of these widths"):
         train(wide, tmp_path / "wide", data_dir=data_dir, stage="dynamics")
+    nowhere = replace(config, dynamics=replace(DYNAMICS, begin_from=str(tmp_path / "nowhere")))
+    with pytest.raises(FileNotFoundError, match=r"nowhere holds no config\.toml"):
+        train(nowhere, tmp_path / "none", data_dir=data_dir)
+    assert not (tmp_path / "none").exists()
     codes = save_model(tiny_model(), tmp_path / "codes")
     without = replace(config, dynamics=replace(DYNAMICS, begin_from=str(codes)))
     with pytest.raises(ValueError, match="has no local dynamics"):
