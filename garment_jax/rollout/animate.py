@@ -22,6 +22,7 @@ from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
+from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.attachment import make_attachment
 from garment_jax.rollout.clips import repeated_last
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
@@ -98,7 +99,7 @@ def make_animator(
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = pose(inputs.R_seed[:1], inputs.t_seed[:1])[0]
         finished = finish(whole, inputs)
-        for start, V in roll(whole, inputs, V_start):
+        for start, V in one_ahead(roll(whole, inputs, V_start)):
             stop = min(start + chunk, len(whole.root))
             skip = max(preroll - start, 0)
             piece = finished(V, slice(start, stop))

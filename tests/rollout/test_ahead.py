@@ -1,0 +1,65 @@
+"""Items come in order, one ahead, and errors in their turn."""
+
+import threading
+from collections.abc import Iterator
+
+import jax
+import pytest
+
+from garment_jax.rollout.ahead import one_ahead
+
+
+def test_the_next_item_is_computed_while_this_one_is_used():
+    computed = threading.Event()
+
+    def items() -> Iterator[int]:
+        yield 0
+        computed.set()
+        yield 1
+
+    ahead = one_ahead(items())
+    assert next(ahead) == 0
+    assert computed.wait(timeout=10)  # without anybody asking for it
+    assert list(ahead) == [1]
+
+
+def test_order_and_number_are_kept_and_nothing_comes_of_nothing():
+    assert list(one_ahead(iter(range(7)))) == list(range(7))
+    assert list(one_ahead(iter([]))) == []
+
+
+def test_an_error_comes_after_the_items_before_it():
+    def items() -> Iterator[int]:
+        yield 1
+        raise ValueError("second")
+
+    ahead = one_ahead(items())
+    assert next(ahead) == 1
+    with pytest.raises(ValueError, match="second"):
+        next(ahead)
+
+
+def test_who_stops_early_waits_for_one_item_at_most():
+    asked = []
+
+    def items() -> Iterator[int]:
+        for i in range(100):
+            asked.append(i)
+            yield i
+
+    ahead = one_ahead(items())
+    next(ahead)
+    ahead.close()  # type: ignore[attr-defined]
+    assert len(asked) <= 2
+    assert not [t for t in threading.enumerate() if t.name.startswith("ahead")]
+
+
+def test_the_callers_device_is_taken_along():
+    device = jax.devices("cpu")[-1]
+
+    def items() -> Iterator[jax.Device | None]:
+        yield jax.config.jax_default_device
+
+    with jax.default_device(device):
+        assert list(one_ahead(items())) == [device]
+    assert list(one_ahead(items())) == [None]
