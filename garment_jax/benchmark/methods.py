@@ -14,9 +14,10 @@ from garment_jax.benchmark.sharing import share_stages
 from garment_jax.body.root_frame import from_root, to_root
 from garment_jax.collision.sequence import padded
 from garment_jax.config import Config
+from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.generative.network import decode, encode
-from garment_jax.rollout.animate import Chunk, animate
+from garment_jax.rollout.animate import Animator, Chunk, make_animator
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.model import Model, save_model, skinned_template, template_for
 from garment_jax.rollout.scan import make_rollout
@@ -74,8 +75,13 @@ def _rounded(params: Any, precision: str) -> Any:
 
 
 def _animate(model: Model, row: Row) -> Callable[[Scene, Motion, str], Iterator[Chunk]]:
+    made: dict[str, Animator] = {}  # the test clips share a scene: compiled once
+
     def run(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
-        return animate(model, scene, motion, detail=row.detail, collision=row.collision, name=name)
+        key = scene_hash(scene)
+        if key not in made:
+            made[key] = make_animator(model, scene, detail=row.detail, collision=row.collision, name=name)
+        return made[key](motion, name=name)
 
     return run
 
