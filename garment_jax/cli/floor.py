@@ -8,13 +8,15 @@ from pathlib import Path
 def add(commands) -> None:
     """Add the command to the subparsers."""
     parser = commands.add_parser("floor", help="how far two simulations of the same frames differ")
-    parser.add_argument("clip", type=Path, help="simulated sequence file")
+    parser.add_argument("clips", type=Path, nargs="+", metavar="clip", help="simulated sequence file")
     parser.add_argument("--start", type=int, default=100, help="frame of the restart (default 100)")
     parser.add_argument("--frames", type=int, help="how many to simulate (default: to the end)")
     parser.add_argument("--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="as the clip's own")
     parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clip's own")
-    parser.add_argument("--out", type=Path, help="also write the second simulation, a sequence file")
-    parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
+    parser.add_argument("--out", type=Path, help="also write one clip's second simulation, a sequence file")
+    parser.add_argument(
+        "--json", action="store_true", help="a list with the values per frame, as `benchmark` reads it"
+    )
     parser.set_defaults(run=run)
 
 
@@ -24,15 +26,20 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.simulation.command import cloth_settings, read_pattern
     from garment_jax.simulation.floor import floor_of, summary
 
+    if options.out is not None and len(options.clips) > 1:
+        raise ValueError(f"--out {options.out} holds one clip, and {len(options.clips)} are given; name one.")
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
-    with open_sequence(options.clip) as clip:
-        floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
-        if options.out is not None:
-            with SequenceWriter(options.out, clip.scene, floor.motion) as writer:
-                writer.append(floor.V)
-    figures = summary(floor)
+    found = []
+    for path in options.clips:
+        with open_sequence(path) as clip:
+            floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
+            if options.out is not None:
+                with SequenceWriter(options.out, clip.scene, floor.motion) as writer:
+                    writer.append(floor.V)
+        figures = summary(floor)
+        found.append(figures | {"rmse_cm_per_frame": [round(float(e), 4) for e in floor.rmse_cm]})
+        if not options.json:
+            print("\n".join(f"{key:<20} {value}" for key, value in figures.items()))
     if options.json:
-        print(json.dumps(figures | {"rmse_cm_per_frame": floor.rmse_cm.tolist()}))
-    else:
-        print("\n".join(f"{key:<20} {value}" for key, value in figures.items()))
+        print(json.dumps(found))

@@ -1,10 +1,12 @@
 """The predictability floor: nothing for a clip that forgets, a refusal for a restart outside it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from garment_jax.cli import main
 from garment_jax.data.sequence import open_sequence
 from garment_jax.simulation.floor import Floor, floor_of, summary
 from garment_jax.simulation.settings import ClothSettings
@@ -39,3 +41,20 @@ def test_frames_from_the_restart_on_are_compared(tmp_path: Path):
     assert np.isfinite(floor.rmse_cm).all()
     assert floor.V.shape == (4, len(make_scene().garment.template), 3)
     np.testing.assert_array_equal(floor.motion.root, make_motion(make_scene(), 12).root[5:9])
+
+
+def test_the_command_prints_a_list_that_the_benchmark_reads(tmp_path: Path, monkeypatch, capsys):
+    clips = [str(write_clip(tmp_path / f"{name}.h5", 12)) for name in ("a", "b")]
+
+    def restart(clip, settings, *, start, frames, flat):
+        return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, np.zeros((3, 1, 3), np.float32))
+
+    monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
+    assert main(["floor", *clips, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [(f["clip"], f["rmse_cm"], len(f["rmse_cm_per_frame"])) for f in found] == [
+        ("a", 2.5, 3),
+        ("b", 2.5, 3),
+    ]
+    assert main(["floor", *clips, "--out", str(tmp_path / "again.h5")]) == 2
+    assert "holds one clip, and 2 are given; name one" in capsys.readouterr().err
