@@ -6,9 +6,7 @@
 Needs clarabel (extra compare), an interior-point solver, which the package itself does not. Without --frame:
 the one with the most vertices inside, of every tenth after the first second.
 
-Plain and accelerated projected gradient are written out here from the package's own pieces (`jax.grad` of
-the smooth energy, `lift`, `closest_point_from`), on the whole mesh, with new correspondences every REFRESH
-steps. Objective:
+Plain and accelerated projected gradient are written out in collision_descent.py. Objective:
 ||Lap(V) - Lap(V_f)|| over the garment, mm. Penetration: of the free vertices, deepest, mm, against exact
 closest points. Milliseconds are those of the steps and the searches, median of several runs, compiled before.
 
@@ -22,210 +20,18 @@ import json
 import time
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
-import clarabel
 import jax
 import jax.numpy as jnp
 import numpy as np
+from collision_descent import RUNS, Trace, curve, descend
+from collision_frame import EPS, Frame, moving_vertices, objective_mm, read_frame
+from collision_minimum import least_objective_mm
 from measured import report
-from scipy import sparse
 
-from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision import (
-    MESSAGES,
-    CollisionOptions,
-    CollisionTables,
-    Outcome,
-    initial_state,
-    make_collider_tables,
-    make_collision_tables,
-    resolve_collisions,
-)
-from garment_jax.collision.projection import lift
+from garment_jax.collision import MESSAGES, CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.config import CollisionConfig
-from garment_jax.data.sequence import open_sequence
-from garment_jax.geometry.closest_point import closest_point_exact, closest_point_from
-from garment_jax.geometry.laplacian import LaplacianTable, laplacian, uniform_table
-
-REFRESH = 20  # steps between two searches for correspondences
-EPS = CollisionConfig.eps
-RINGS = CollisionOptions().rings
-REACH = 0.02  # metres; vertices farther out have no plane to keep to
-RUNS = 3  # timed
-BEFORE = 30  # frames that the package comes from where it is used on a sequence
-
-
-class Frame(NamedTuple):
-    """One frame before collision handling."""
-
-    V: jax.Array  # [n, 3] metres, root frame
-    collider: jax.Array  # [c, 3]
-    pins: np.ndarray  # [p]
-    tables: CollisionTables
-    laplacian: LaplacianTable
-    before: list[tuple[jax.Array, jax.Array]]  # garment and collider of the frames before it
-
-
-class Trace(NamedTuple):
-    """A descent, step by step; the first entry is before any step."""
-
-    ms: list[float]  # interpolated between searches
-    objective_mm: list[float]
-    deepest_steps: list[int]  # where the penetration was looked at
-    deepest_mm: list[float]
-    x: jax.Array  # [n, 3] metres, the last displacement
-
-
-def read_frame(path: Path, frame: int | None) -> Frame:
-    """Return one frame of a sequence file; by default one with many vertices inside."""
-    with open_sequence(path) as clip:
-        scene, garment = clip.scene, clip.scene.garment
-        assert scene.collider is not None
-        surface = make_collider_tables(scene.collider, scene.body)
-        table = uniform_table(garment.faces, len(garment.template))
-        tables = make_collision_tables(garment.template, table, surface)
-        pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
-        carried = carried_points(scene, collider=True)
-
-        def at(t: int) -> tuple[jax.Array, jax.Array]:
-            here = slice(t, t + 1)
-            yaw = heading(clip.motion.rotations[here, 0])
-            V = to_root(clip.read(t, t + 1).astype(np.float64), clip.motion.root[here], yaw)
-            collider = pose_carried(carried, scene, clip.motion, here)[1]
-            return jnp.asarray(V[0], jnp.float32), jnp.asarray(collider[0])
-
-        if frame is None:
-            exact = jax.jit(partial(closest_point_exact, tables=surface))
-            inside = {t: int((exact(*at(t)).ds < 0).sum()) for t in range(BEFORE, clip.frames, 10)}
-            frame = max(inside, key=lambda t: inside[t])
-        before = [at(t) for t in range(max(frame - BEFORE, 0), frame)]
-        return Frame(*at(frame), pins, tables, table, before)
-
-
-def moving_vertices(frame: Frame, ds: np.ndarray) -> np.ndarray:
-    """Return which vertices may move: free and within `RINGS` edges of a contact."""
-    free = np.ones(len(ds), bool)
-    free[frame.pins] = False
-    moving = free & (ds < EPS)
-    for _ in range(RINGS):
-        moving = moving | moving[frame.laplacian.index].any(axis=1)
-    return moving & free
-
-
-def make_steps(frame: Frame, moving: np.ndarray, *, accelerated: bool):
-    """Return a compiled function `(x, y, theta, at)` -> the same after `REFRESH` steps."""
-    mask = jnp.asarray(moving)[:, None]
-    rate = 1.0 / float(frame.tables.lipschitz)
-
-    def energy(x):
-        r = laplacian(x, frame.laplacian)
-        return 0.5 * (r * r).sum()
-
-    def step(_, carry, at):
-        x, y, theta = carry
-        ahead = jnp.where(mask, y - rate * jax.grad(energy)(y), 0.0)
-        height = jnp.where(moving & (at.ds < REACH), lift(frame.V + ahead, at, EPS), 0.0)
-        new = ahead + height[:, None] * at.direction
-        if not accelerated:
-            return new, new, theta
-        uphill = ((y - new) * (new - x)).sum() > 0
-        theta = jnp.where(uphill, 1.0, theta)
-        following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
-        beta = jnp.where(uphill, 0.0, (theta - 1) / following)
-        return new, new + beta * (new - x), following
-
-    @jax.jit
-    def steps(x, y, theta, at):
-        return jax.lax.fori_loop(0, REFRESH, partial(step, at=at), (x, y, theta))
-
-    @jax.jit
-    def traced(x, y, theta, at):
-        def one(carry, _):
-            carry = step(0, carry, at)
-            return carry, carry[0]
-
-        return jax.lax.scan(one, (x, y, theta), length=REFRESH)
-
-    return steps, traced
-
-
-def objective_mm(frame: Frame, x: jax.Array) -> float:
-    return float(1e3 * jnp.linalg.norm(laplacian(x, frame.laplacian)))
-
-
-def descend(frame: Frame, moving: np.ndarray, exact, *, accelerated: bool, steps: int) -> Trace:
-    """Return the trace of one descent; steps and searches are timed `RUNS` times, without the tracing."""
-    advance, traced = make_steps(frame, moving, accelerated=accelerated)
-    surface, groups = frame.tables.surface, frame.tables.groups
-
-    @jax.jit
-    def search(V, collider, triangle):  # all arguments: what is constant would be computed beforehand
-        return closest_point_from(triangle, V, collider, surface, groups)
-
-    def follow(x, triangle):
-        return search(frame.V + x, frame.collider, triangle)
-
-    zero, first = jnp.zeros_like(frame.V), exact(frame.V)
-    start = (zero, zero, jnp.float32(1.0))
-    jax.block_until_ready((advance(*start, first), follow(zero, first.triangle)))
-    runs = []
-    for _ in range(RUNS):
-        carry, at, ms = start, first, [0.0]
-        for _ in range(steps // REFRESH):
-            began = time.perf_counter()
-            carry = advance(*carry, at)
-            at = jax.block_until_ready(follow(carry[0], at.triangle))
-            ms.append(ms[-1] + 1e3 * (time.perf_counter() - began))
-        runs.append(ms)
-    carry, at, path = start, first, [zero]
-    for _ in range(steps // REFRESH):
-        carry, xs = traced(*carry, at)
-        at = follow(carry[0], at.triangle)
-        path += list(xs)
-    searches = np.arange(0, steps + 1, REFRESH)
-    looked = [k for k in range(steps + 1) if k <= 20 or (k <= 100 and k % 5 == 0) or k % 20 == 0]
-    free = np.setdiff1d(np.arange(len(frame.V)), frame.pins)
-    lowest = [float(np.asarray(exact(frame.V + path[k]).ds)[free].min()) for k in looked]
-    return Trace(
-        np.interp(np.arange(steps + 1), searches, np.median(runs, axis=0)).tolist(),
-        [objective_mm(frame, x) for x in path],
-        looked,
-        [max(0.0, -1e3 * ds) for ds in lowest],
-        path[-1],
-    )
-
-
-def least_objective_mm(frame: Frame, moving: np.ndarray, at) -> tuple[float, float, str]:
-    """Return Clarabel's minimum (mm), its milliseconds and its status, at these correspondences."""
-    n, index = len(frame.V), np.flatnonzero(moving)
-    own = np.repeat(np.arange(n), frame.laplacian.index.shape[1])
-    weight = np.asarray(frame.laplacian.weight, np.float64)
-    L = sparse.csc_matrix((weight.reshape(-1), (own, np.asarray(frame.laplacian.index).reshape(-1))), (n, n))
-    L = (L - sparse.diags(weight.sum(axis=1)))[:, index]
-    P = sparse.kron(L.T @ L, sparse.eye(3), format="csc")
-    near = np.flatnonzero(np.asarray(at.ds)[index] < REACH)
-    direction, point = (np.asarray(x, np.float64)[index[near]] for x in (at.direction, at.point))
-    rows = np.repeat(np.arange(len(near)), 3)
-    columns = (3 * near[:, None] + np.arange(3)).reshape(-1)
-    A = sparse.csc_matrix((-direction.reshape(-1), (rows, columns)), (len(near), 3 * len(index)))
-    room = ((np.asarray(frame.V, np.float64)[index[near]] - point) * direction).sum(axis=1) - EPS
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    began = time.perf_counter()
-    solver = clarabel.DefaultSolver(
-        sparse.triu(P, format="csc"),
-        np.zeros(3 * len(index)),
-        A,
-        room,
-        [clarabel.NonnegativeConeT(len(near))],
-        settings,
-    )
-    solution = solver.solve()
-    took = 1e3 * (time.perf_counter() - began)
-    x = np.asarray(solution.x).reshape(-1, 3)
-    return float(1e3 * np.linalg.norm(L @ x)), took, str(solution.status)
+from garment_jax.geometry.closest_point import closest_point_exact
 
 
 def package_rows(frame: Frame, moving: np.ndarray, locate) -> list[dict]:
@@ -269,14 +75,6 @@ def package_rows(frame: Frame, moving: np.ndarray, locate) -> list[dict]:
     for V, collider in frame.before:
         _, state = run(V, collider, state, jnp.int32(CollisionConfig.iterations))
     return [*rows, row("resolve_collisions in a sequence", state, CollisionConfig.iterations)]
-
-
-def curve(trace: Trace) -> dict[str, list]:
-    """Return the trace where the penetration was looked at, for the JSON file."""
-    looked = trace.deepest_steps
-    ms, objective = ([float(f"{column[k]:.4g}") for k in looked] for column in (trace.ms, trace.objective_mm))
-    deepest = [float(f"{value:.4g}") for value in trace.deepest_mm]
-    return {"steps": looked, "ms": ms, "objective_mm": objective, "deepest_mm": deepest}
 
 
 def draw(path: Path, traces: dict[str, Trace], minimum: float, solver_ms: float) -> None:
