@@ -83,6 +83,14 @@ CASES = {
         r"me\.npz: a row of `skin_weights` sums to 2",
     ),
     "faces of another mesh": (body_with(faces=BODY.faces + 5_000), [], r"me\.npz: `faces` holds index \d+"),
+    "a garment elsewhere": (
+        lambda folder: write_obj(
+            folder / "skirt.obj",
+            SCENE.garment._replace(template=SCENE.garment.template + np.float32([3.0, 0.0, 0.0])),
+        ),
+        [],
+        r"skirt\.obj: the template is \d\.\d\d m from the body; .* in metres and with Y up",
+    ),
     "half a body": (cut("me.npz"), [], r"me\.npz is damaged or no \.npz file of plain arrays; copy it again"),
     "half a pattern": (cut("flat.npz"), ["--pattern", "flat.npz"], r"flat\.npz is damaged"),
     "another pattern": (

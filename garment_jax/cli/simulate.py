@@ -144,6 +144,7 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
     from garment_jax.data.scene_files import load_scene
     from garment_jax.intake.bodies import place_template, read_any_body
     from garment_jax.intake.garment_mesh import load_garment
+    from garment_jax.intake.own_files import check_on_body
     from garment_jax.simulation.command import check_collider, motion_jobs
 
     missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
@@ -171,6 +172,7 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         cloth=cloth,
         rigged=figure.body,
     )
+    check_on_body(scene.garment.template, scene.body, options.garment, remedy="in metres and with Y up")
     if scene.collider is not None:
         check_collider(scene.collider, options.collider)
     jobs = motion_jobs(

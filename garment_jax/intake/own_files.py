@@ -134,7 +134,7 @@ class Wardrobe:
         place = settle_place(o, "garment", garment.template, path)
         stands = place(garment.template)
         template = place_template(stands, loaded)
-        _check_on_body(template, loaded.body, path)
+        check_on_body(template, loaded.body, path, remedy="or give --garment-unit and --garment-up")
         lift = float(np.abs(template - stands).max())
         notes = [f"{path}: {f.check}: {f.value}" for f in findings if f.severity in ("note", "warning")]
         notes += [note for note in place.notes if "up axis" not in note or "garment" in o.up]
@@ -168,11 +168,10 @@ def list_motions(options: Options) -> list[Path]:
     return found
 
 
-def _check_on_body(template: np.ndarray, body: RiggedBody, path: Path) -> None:
+def check_on_body(template: np.ndarray, body: RiggedBody, path: Path, *, remedy: str) -> None:
     """Raise `ValueError` for a template `[n, 3]` that is nowhere near the body in its canonical pose."""
     apart = float(np.median(KDTree(body.vertices).query(template)[0]))
     if apart > _FAR:
         raise ValueError(
-            f"{path}: the template is {apart:.2f} m from the body; put it on the body's rest pose, or give "
-            "--garment-unit and --garment-up."
+            f"{path}: the template is {apart:.2f} m from the body; put it on the body's rest pose, {remedy}."
         )
