@@ -2,7 +2,7 @@
 
     python benchmarks/agreement.py data/skirt/test runs/benchmark/rollouts/{ours,pan_2022}-s0-* [--json FILE]
 
-Every folder holds one method's rollouts, a sequence file a clip, as `garment-jax benchmark` leaves them; a file
+Every folder holds one method's rollouts, a sequence file a clip, as `garment-jax benchmark` leaves them; one
 of fewer frames counts as far as it goes. The correlation is <E_a, E_b> / (|E_a| |E_b|) over all vertices and
 frames of a clip, E being the prediction less the truth: 1 where two methods miss the same thing by as much,
 0 where their errors have nothing in common. Two methods of equal error e and correlation c have a mean with
