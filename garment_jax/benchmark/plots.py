@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from garment_jax.benchmark.front import pareto_front
 from garment_jax.benchmark.records import Records, RowRecord, first_error, is_ours, spread, training_seconds
@@ -32,10 +33,12 @@ def pareto_plot(records: Records) -> str:
     shown = [(r, found) for r, found in shown if found is not None]
     figure, axes = _figure(height=6.4)
     points = [(r.time["ms_per_frame"], found.mean) for r, found in shown if r.time]
+    top = _top([y for _, y in points])
     for k, ((r, found), (x, y)) in enumerate(zip(shown, points, strict=True), start=1):
         ink, mark = (OURS_INK, "o") if is_ours(r) else (OTHER_INK, "s")
-        axes.errorbar(x, y, yerr=found.std, fmt=mark, ms=5, color=ink, capsize=2, lw=1)
-        axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8, color=ink)
+        at, mark = (y, mark) if y <= top else (top, "^")
+        axes.errorbar(x, at, yerr=None if at < y else found.std, fmt=mark, ms=5, color=ink, capsize=2, lw=1)
+        axes.annotate(str(k), (x, at), xytext=(5, 4), textcoords="offset points", fontsize=8, color=ink)
         axes.plot([], [], mark, ms=5, color=ink, label=f"{k}  {r.row.title}: {y:.2f} cm, {x:.2g} ms")
     front = [points[i] for i in pareto_front(points)]
     if front:
@@ -46,7 +49,16 @@ def pareto_plot(records: Records) -> str:
         axes.axvline(x, color="0.3", lw=1, ls=":", label=f"simulator, {x:.0f} ms a frame")
     _floor(axes, records)
     axes.set(xlabel="milliseconds a frame, one stream", ylabel="RMSE, cm, mean of test clips", xscale="log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     return _svg(figure, axes, empty=not shown, beside=True)
+
+
+def _top(errors: Sequence[float]) -> float:
+    """Return where the error axis ends: one method far above all others stands at the edge, as a triangle."""
+    second, worst = [0.0, *sorted(errors)][-2:] if errors else (0.0, np.inf)
+    return 1.1 * second if worst > 1.5 * second > 0 else worst
 
 
 def rollout_plot(records: Records, lengths: Sequence[int]) -> str:

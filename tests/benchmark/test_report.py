@@ -8,7 +8,7 @@ import pytest
 
 from garment_jax.benchmark import pictures
 from garment_jax.benchmark.plan import ROLL, Plan
-from garment_jax.benchmark.plots import all_plots
+from garment_jax.benchmark.plots import _top, all_plots
 from garment_jax.benchmark.records import gather
 from garment_jax.benchmark.report import write_report
 from garment_jax.benchmark.runner import next_job
@@ -59,6 +59,14 @@ def test_every_row_is_in_the_pareto_plot(finished: Plan) -> None:
         shown = row.title.replace("&", "&amp;") in plot
         assert shown == (row.task == "rollout"), row.name
     assert "open: not measured yet" not in plot
+
+
+@pytest.mark.parametrize(
+    ("errors", "top"),
+    [([4.7, 5.0, 10.9], 5.5), ([4.7, 5.0, 7.0], 7.0), ([4.7], 4.7), ([0.0, 3.0], 3.0)],
+)
+def test_one_error_far_above_the_others_does_not_set_the_axis(errors: list[float], top: float) -> None:
+    assert _top(errors) == pytest.approx(top)
 
 
 def test_markdown_json_and_csv_say_the_same(finished: Plan) -> None:
