@@ -57,7 +57,10 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     names = [folder.name.split("-s")[0] for folder in options.rollouts]
-    for path in sorted(options.truth.glob("*.h5")):
+    everywhere = (
+        p for p in options.truth.glob("*.h5") if all((f / p.name).exists() for f in options.rollouts)
+    )
+    for path in sorted(everywhere):
         V_star = read_frames(path, options.every)
         made = [read_frames(folder / path.name, options.every) for folder in options.rollouts]
         errors = [V - V_star[: len(V)] for V in made]
