@@ -33,14 +33,19 @@ def advance(
     members: Members,
     tables: CollisionTables,
     options,
+    *,
+    margin: Array,
 ) -> Iterate:
-    """Return the iterate as it is (`kind` 0), projected (1), or after `options.refresh_every` steps (2)."""
+    """Return the iterate as it is (`kind` 0), projected (1), or after `options.refresh_every` steps (2).
+
+    The steps keep `options.eps`, the projection `margin` (metres).
+    """
     whole = whole_size(tables)
     sizes = [*(size for size in options.sizes if size < whole), whole]
     fits = sum((members.count > size).astype(jnp.int32) for size in sizes[:-1])
 
     def projected() -> Iterate:
-        return now._replace(x=_pushed(local, now.x, at, members.moving, options))
+        return now._replace(x=_pushed(local, now.x, at, members.moving, margin))
 
     steps = [lambda size=size: _descend(size, now, local, at, members, tables, options) for size in sizes]
     return jax.lax.switch(jnp.where(kind < 2, kind, 2 + fits), [lambda: now, projected, *steps])
@@ -85,7 +90,7 @@ def _dot(u: Float[Array, "3 m"], v: Float[Array, "3 m"]) -> Array:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _pushed(local, x, at: Contacts, moving: Array, options):
+def _pushed(local, x, at: Contacts, moving: Array, margin: Array):
     """Return the displacement after projection; where there is no correspondence, as it was."""
-    height = lift(local + x, at, options.eps)
+    height = lift(local + x, at, margin)
     return x + jnp.where(moving & at.known, height, 0.0)[:, None] * at.direction

@@ -162,7 +162,8 @@ def _iterate(frame: _Frame, state: CollisionState, tables: CollisionTables, opti
     def body(s: _Progress) -> _Progress:
         first, on = s.searches == 0, descending(s)
         kind = jnp.where(first, 0, jnp.where(on, 2, 1))
-        now = advance(kind, s.now, frame.local, s.at, s.members, tables, options)
+        margin = _push_margin(s.pushes, options)
+        now = advance(kind, s.now, frame.local, s.at, s.members, tables, options, margin=margin)
         apart = jnp.sqrt(((now.x - s.now.x) ** 2).sum(axis=-1).max())
         at, limit = _next_limit(now.x, s, frame, options)
         limit, moved = jnp.where(first, frame.limit, limit), jnp.sqrt((now.x * now.x).sum(axis=-1))
@@ -195,6 +196,15 @@ def _iterate(frame: _Frame, state: CollisionState, tables: CollisionTables, opti
         none,
     )
     return jax.lax.while_loop(more, body, start)
+
+
+def _push_margin(pushes: Array, options) -> Array:
+    """Return the margin of a projection: in the second half of them, half of the last one's each time.
+
+    Pushed out of one wall by the whole margin, a vertex in a narrower gap is inside the other, and so on;
+    nearer to the wall there is room for it.
+    """
+    return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
 
 
 def _begun(s: _Progress, first: Array, frame: _Frame, tables, options) -> _Progress:

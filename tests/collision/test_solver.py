@@ -153,6 +153,19 @@ def test_two_surfaces_that_touch_are_reported_and_not_hidden():
     assert np.isfinite(result.V).all()
 
 
+def test_a_gap_narrower_than_the_margin_keeps_the_cloth_between_its_walls():
+    V, faces = sheet(0.0035, width=0.1)  # 2 mm inside the upper slab
+    slabs, slab_faces = _slabs(gap=3e-3)
+    made = make_collision_tables(V, uniform_table(faces, len(V)), make_surface_tables(slabs, slab_faces))
+    state = initial_state(jnp.asarray(V), jnp.asarray(slabs), made.surface)
+    options = CollisionOptions(eps=4e-3)
+    frame = jax.jit(partial(resolve_collisions, tables=made, options=options))
+    result, _ = frame(jnp.asarray(V), jnp.asarray(slabs), state)
+    assert result.penetrating_before == len(V)
+    assert result.outcome == Outcome.MARGIN_MISSED
+    assert brute_signed(np.asarray(result.V, np.float64), slabs, slab_faces).min() > 1e-4
+
+
 def _slabs(gap: float) -> tuple[np.ndarray, np.ndarray]:
     """Two boxes, one above the other, `gap` metres apart at height 0."""
     vertices, faces = box((0.3, 0.05, 0.3))
