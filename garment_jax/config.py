@@ -102,6 +102,7 @@ class DetailConfig:
     source: Literal["reconstruction", "rollout"] = "reconstruction"  # the frames it learns from
     wrinkle_map: bool = True  # the discriminator sees the Laplacian too; false is the paper's
     lambda_laplacian: float = 1.0
+    lambda_folds: float = 0.0  # of the depth of folds, by wavelength, beside L1 in cm; 0 is the paper's
     lambda_adversarial: float = 0.01  # of the generator's score term beside L1 in cm; 0: no discriminator
     steps: int = 3_000
     batch: int = 8  # frames

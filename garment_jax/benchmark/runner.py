@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from garment_jax.benchmark.files import read_json
+from garment_jax.benchmark.keeping import keep, take_over
 from garment_jax.benchmark.plan import SIMULATE, TIME, TRAIN, Job, Plan
 from garment_jax.benchmark.worker import make_plan, told_job
 
@@ -31,17 +32,21 @@ def benchmark(
     only: Sequence[str] = (),
     report_only: bool = False,
     timed_by: str = "",
+    kept: str | Path | None = None,
     show: Callable[[str], object] = print,
 ) -> int:
     """Do what is missing of the benchmark `path` and write its report; return how many jobs failed.
 
     `data` and `out` default to the file's. `timed_by` is a command line that runs the measurements of run
-    time, such as `taskset -c 0,1`. Raises `ValueError` or `OSError` in one sentence, and `StoppedError`
+    time, such as `taskset -c 0,1`. Records of finished jobs are taken over from the folder `kept` and written
+    there. Raises `ValueError` or `OSError` in one sentence, and `StoppedError`
     (exit code 130) where it is stopped: the same command goes on.
     """
     told = _told(path, data, out, quick=quick, only=only)
     plan = make_plan(told)
     plan.out.mkdir(parents=True, exist_ok=True)
+    if kept is not None:
+        show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")
     failed: dict[Path, str] = {}
     while not report_only:
         job = next_job(plan, failed)
@@ -55,6 +60,10 @@ def benchmark(
             show(failed[job.done])
         else:
             show(f"{describe(plan, job)} took {time.monotonic() - began:.0f} s")
+            if kept is not None:
+                keep(plan, Path(kept))
+    if kept is not None:
+        keep(plan, Path(kept))
     from garment_jax.benchmark.report import write_report
 
     for written in write_report(plan, told):

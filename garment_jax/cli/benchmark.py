@@ -15,6 +15,12 @@ def add(commands) -> None:
     parser.add_argument("--only", nargs="+", default=[], metavar="ROW", help="some rows")
     parser.add_argument("--report-only", action="store_true", help="from what is measured, nothing else")
     parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="take over records of finished jobs from DIR, add new ones",
+    )
+    parser.add_argument(
         "--timed-by",
         default="",
         metavar="COMMAND",
@@ -35,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
         only=options.only,
         report_only=options.report_only,
         timed_by=options.timed_by,
+        kept=options.keep,
         show=partial(print, flush=True),
     )
     return 1 if failed else 0

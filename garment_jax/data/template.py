@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, uniform_table
 from garment_jax.geometry.topology import Neighbours, neighbour_table
 from garment_jax.geometry.uv_atlas import UvAtlas, make_atlas
@@ -28,6 +29,7 @@ class Template(NamedTuple):
     atlas: UvAtlas
     laplacian: LaplacianTable
     neighbours: Neighbours
+    interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
 
 
@@ -45,4 +47,6 @@ def make_template(
     else:
         table = uniform_table(garment.faces, n)
     neighbours = neighbour_table(garment.faces, n)
-    return Template(T, make_atlas(garment, uv_size), table, neighbours, statistics)
+    interior = np.ones(n, bool)
+    interior[boundary_edges(garment.faces)] = False
+    return Template(T, make_atlas(garment, uv_size), table, neighbours, interior, statistics)

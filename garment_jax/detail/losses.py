@@ -2,6 +2,9 @@
 
 L1 is the mean over vertices of |x| + |y| + |z| in cm. The paper's plain sum over the mesh is n times that;
 as a mean it does not change its weight against the adversarial term with the mesh.
+
+L1 alone flattens: where a fold lies cannot be known from the motion, and the least error is half a fold. So
+`lambda_folds` (a departure) holds the folds' depth around each vertex to the truth's, wherever they lie.
 """
 
 from collections.abc import Sequence
@@ -15,12 +18,37 @@ from garment_jax.data.template import Template
 from garment_jax.geometry.laplacian import laplacian
 
 REAL, FAKE = 1.0, -1.0  # the discriminator's targets
+BANDS = (1, 2, 4)  # smoothings between one band of folds and the next
+NEAR = 8  # smoothings of their power: depth is compared over some rings, not fold by fold
+FLAT = 1e-3  # cm, below any fold
 
 
 def l1_cm(E: Float[Array, "*b n 3"]) -> Float[Array, "*b"]:
     """Return the mean over vertices of the 1-norm of `E` (metres), cm; its gradient is 0 at E = 0."""
     # jnp.abs has a gradient of 1 at 0
     return 100.0 * (E * jnp.sign(E)).sum(axis=-1).mean(axis=-1)
+
+
+def fold_depth(V: Float[Array, "*b n 3"], *, template: Template) -> Float[Array, "*b n k"]:
+    """Return how deep the folds around every vertex are, by wavelength from fine to broad, cm.
+
+    The Laplacian of garments `V` (metres) in `BANDS` as `evaluation.cloth.band_power` takes them, its local
+    root mean square over some rings. Interior vertices alone count.
+    """
+    keep = jnp.asarray(template.interior, V.dtype).reshape((1,) * (V.ndim - 2) + (-1, 1))
+
+    def smooth(x: jax.Array, rounds: int) -> jax.Array:
+        for _ in range(rounds):
+            x = x + 0.5 * laplacian(x, template.laplacian)
+        return x
+
+    x, powers = keep * 100.0 * laplacian(V, template.laplacian), []
+    for rounds in BANDS:
+        y = smooth(x, rounds)
+        powers.append(keep * jnp.square(x - y).sum(axis=-1, keepdims=True))
+        x = y
+    power = smooth(jnp.concatenate(powers, axis=-1), NEAR)
+    return jnp.sqrt(power + FLAT**2)  # its gradient is finite where there are none
 
 
 def detail_terms(
@@ -32,11 +60,15 @@ def detail_terms(
 ) -> dict[str, jax.Array]:
     """Return the weighted terms of L_geo for each frame (metres in, cm out)."""
     E = V_f - V_star
-    return {
+    terms = {
         "vertex": l1_cm(E),
         # the operator is linear: one Laplacian of the difference instead of two
         "laplacian": config.lambda_laplacian * l1_cm(laplacian(E, template.laplacian)),
     }
+    if config.lambda_folds:
+        missing = fold_depth(V_f, template=template) - fold_depth(V_star, template=template)
+        terms["folds"] = config.lambda_folds * (missing * jnp.sign(missing)).mean(axis=(-2, -1))
+    return terms
 
 
 def score_error(scores: Sequence[jax.Array], target: float) -> jax.Array:

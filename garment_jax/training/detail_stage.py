@@ -27,11 +27,14 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
     Z = _codes(run, generative, motion)
     rebuild = jax.jit(lambda Z: decode(generative, Z, template=run.template, config=run.config.generative).V)
 
+    # a rollout's first frames are still on their way from the skinned template: nothing to learn there
+    first = run.config.motion.grace if config.source == "rollout" else 0
+
     def batch_at(step: int) -> DetailBatch:
         rng = np.random.default_rng([training.seed + 30, step])
         lengths = np.array([len(z) for z in Z])
         clips = rng.choice(len(Z), config.batch, p=lengths / lengths.sum())
-        frames = [int(rng.integers(lengths[c])) for c in clips]
+        frames = [int(rng.integers(min(first, lengths[c] - 1), lengths[c])) for c in clips]
         codes = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
         truth = [
             frames_of(run.data.train[c], np.array([f]), run.data)[0][0]

@@ -11,6 +11,7 @@ from garment_jax.detail.losses import (
     adversarial_term,
     detail_terms,
     discriminator_loss,
+    fold_depth,
     l1_cm,
     score_error,
 )
@@ -47,6 +48,56 @@ def test_one_moved_vertex_counts_in_its_own_laplacian_and_in_its_neighbours():
     terms = detail_terms(E, jnp.zeros((n, 3)), template=template, config=config)
     assert terms["vertex"] == pytest.approx(1.0 / n, rel=1e-5)
     assert terms["laplacian"] == pytest.approx(2.0 * (1.0 + around) / n, rel=1e-4)
+
+
+def test_fold_depth_equals_dense_matrices():
+    # the same by matrices made of the neighbour lists: bands of the interior's Laplacian, local power, root
+    template = small_template()
+    index, mask = template.neighbours
+    n = len(template.T)
+    M = np.zeros((n, n))
+    for i in range(n):
+        M[i, index[i][mask[i] > 0]] = 1.0 / mask[i].sum()
+    S, inner = (np.eye(n) + M) / 2, template.interior.astype(float)[:, None]
+    assert 0 < template.interior.sum() < n
+    V = np.random.default_rng(0).normal(0, 0.01, (2, n, 3))
+    found = np.asarray(fold_depth(jnp.asarray(V, jnp.float32), template=template))
+    for k in range(2):
+        x = inner * (100 * (M - np.eye(n)) @ V[k])
+        for band, rounds in enumerate((1, 2, 4)):
+            y = np.linalg.matrix_power(S, rounds) @ x
+            power = np.linalg.matrix_power(S, 8) @ (inner * np.square(x - y).sum(axis=1, keepdims=True))
+            np.testing.assert_allclose(found[k, :, band], np.sqrt(power[:, 0] + 1e-6), rtol=2e-4)
+            x = y
+
+
+def test_folds_elsewhere_cost_accuracy_but_no_depth():
+    # The same ripples a quarter of a wave on: as deep, so the term is small; half as deep: it is not.
+    template = small_template()
+    angle = np.arctan2(template.T[:, 2], template.T[:, 0])
+    outwards = np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], axis=1)
+
+    def rippled(height: float, phase: float) -> jax.Array:
+        return jnp.asarray(template.T + height * np.sin(6 * angle + phase)[:, None] * outwards, jnp.float32)
+
+    config = dataclasses.replace(CONFIG, lambda_folds=1.0)
+    truth = rippled(0.01, 0.0)
+    moved = detail_terms(rippled(0.01, np.pi / 2), truth, template=template, config=config)
+    flatter = detail_terms(rippled(0.005, 0.0), truth, template=template, config=config)
+    assert moved["vertex"] > 2 * flatter["vertex"]
+    assert moved["folds"] < 0.25 * flatter["folds"]
+
+
+def test_fold_depth_has_a_gradient_where_there_are_no_folds():
+    template = small_template()
+    flat = jnp.zeros((len(template.T), 3))
+    assert np.isfinite(jax.grad(lambda V: fold_depth(V, template=template).sum())(flat)).all()
+
+
+def test_without_its_weight_the_folds_are_no_term():
+    template = small_template()
+    T = jnp.asarray(template.T)
+    assert set(detail_terms(T, T, template=template, config=CONFIG)) == {"vertex", "laplacian"}
 
 
 def test_least_squares_by_hand():
