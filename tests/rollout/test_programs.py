@@ -62,6 +62,25 @@ def test_other_facts_are_another_program(tmp_path: Path):
     assert len(list(tmp_path.glob("double-*.program"))) == 2
 
 
+def test_what_xlas_cache_hands_out_is_no_program_of_ours(tmp_path: Path):
+    # two models of the same sizes are the same code; kept, what is handed out to the second does not run
+    from jax.experimental.compilation_cache import compilation_cache
+
+    seconds = jax.config.values["jax_persistent_cache_min_compile_time_secs"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    compilation_cache.reset_cache()
+    try:
+        log: list[int] = []
+        for facts in ({"model": "a"}, {"model": "b"}, {"model": "b"}):
+            jax.clear_caches()
+            np.testing.assert_array_equal(run(tmp_path, log, facts)["twice"], 2 * X)
+    finally:
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", seconds)
+    assert len(list(tmp_path.glob("double-*.program"))) == 1
+    assert len(log) == 3
+
+
 @pytest.mark.parametrize("spoil", [lambda b: b[:100], lambda b: b"nonsense", lambda b: b""])
 def test_a_damaged_file_is_made_anew(tmp_path: Path, spoil):
     log: list[int] = []
