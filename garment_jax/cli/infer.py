@@ -1,5 +1,6 @@
 """The work of `infer.py`: plan the scene, choose what fits the budget, read what is needed, animate."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,6 +34,9 @@ def infer(
     lod: float | None = None,
 ) -> Iterator[str]:
     """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
+    # With AVX-512 XLA takes each program from a cache for one made on another machine (jax issue 38445) and
+    # says so at length; ours are kept by processor. Read when jaxlib is loaded, so before anything else.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.validation import check_input
     from garment_jax.rollout.plan import make_plan
