@@ -2,14 +2,14 @@
 
 A benchmark takes hours and its runs take gigabytes. With `--keep DIR` what has been measured outlives both:
 it is taken over where data, configuration and rows are the same (the names say so); nothing is done twice.
+Rollouts and latent shapes stay behind, and the pictures of them.
 """
 
 import json
-import shutil
 from pathlib import Path
 
 from garment_jax.benchmark.files import read_json, write_json, write_text
-from garment_jax.benchmark.plan import LATENT, SIMULATE, TRAIN, Job, Plan
+from garment_jax.benchmark.plan import SIMULATE, TRAIN, Job, Plan
 
 
 def take_over(plan: Plan, kept: Path) -> list[str]:
@@ -41,8 +41,6 @@ def keep(plan: Plan, kept: Path) -> None:
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_text(path, text)
-        if job.kind == LATENT and not path.with_suffix(".npz").is_file():
-            shutil.copy2(job.done.with_suffix(".npz"), path.with_suffix(".npz"))
 
 
 def _name(job: Job, kept: Path) -> Path:
@@ -60,11 +58,6 @@ def _take(jobs: list[Job], kept: Path) -> list[str]:
         path = _name(job, kept)
         if job.done.is_file() or not path.is_file():
             continue
-        if job.kind == LATENT:
-            if not path.with_suffix(".npz").is_file():
-                continue
-            job.done.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(path.with_suffix(".npz"), job.done.with_suffix(".npz"))
         write_json(job.done, read_json(path))
         taken.append(path.stem)
     return taken

@@ -24,7 +24,7 @@ def machine() -> dict[str, str]:
         "memory": _line("/proc/meminfo", "MemTotal") or "unknown",
         "load": f"{os.getloadavg()[0]:.1f}",
         "device": f"{device.platform} {device.device_kind}",
-        "system": f"{platform.system()} {platform.release()}",
+        "system": platform.system(),
         "python": platform.python_version(),
         "garment-jax": __version__,
         **{name: _version(name) for name in PACKAGES},

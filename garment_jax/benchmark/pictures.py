@@ -34,7 +34,7 @@ def all_pictures(records: Records, test: Sequence[Path], out: Path) -> dict[str,
         rows = [r for r in measured if (out / r.rolls[0]["rollouts"] / clip.name).is_file()]
         if rows:
             drawn[title] = _methods_sheet(title, rows, clip, out, folder, heated=heated)
-    if records.latent is not None:
+    if records.latent is not None and Path(records.latent["shapes"]).is_file():
         drawn["Between two latent codes"] = _latent_sheet(records.latent, test[0], folder)
     return drawn
 
