@@ -5,6 +5,7 @@ import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -74,16 +75,18 @@ def environment() -> dict[str, str]:
 
 def kill_within(stage: str, words: list[str], run: Path, wait: float) -> subprocess.CompletedProcess:
     """Start the command and kill it with signal 9, `wait` seconds after the stage's first checkpoint."""
-    process = subprocess.Popen(words, cwd=ROOT, env=environment(), stderr=subprocess.PIPE, text=True)
-    try:
-        saved, deadline = Checkpointer(run, stage), time.monotonic() + 300
-        while saved.latest() is None and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.002)
-        time.sleep(wait)
-    finally:
-        process.kill()
-    _, said = process.communicate()
-    return subprocess.CompletedProcess(words, process.returncode, stderr=said)
+    with tempfile.TemporaryFile("w+") as said:  # a pipe that nobody reads fills up
+        process = subprocess.Popen(words, cwd=ROOT, env=environment(), stderr=said)
+        try:
+            saved, deadline = Checkpointer(run, stage), time.monotonic() + 300
+            while saved.latest() is None and process.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.002)
+            time.sleep(wait)
+        finally:
+            process.kill()
+            process.wait()
+        said.seek(0)
+        return subprocess.CompletedProcess(words, process.returncode, stderr=said.read())
 
 
 def test_kill_9_in_every_stage_then_the_same_command(tmp_path: Path, data_dir: Path, uninterrupted: Path):
