@@ -9,15 +9,19 @@ import json
 from pathlib import Path
 
 from garment_jax.benchmark.files import read_json, write_json, write_text
-from garment_jax.benchmark.plan import SIMULATE, TRAIN, Job, Plan
+from garment_jax.benchmark.plan import SIMULATE, TRAIN, Job, Plan, known_training
 
 
 def take_over(plan: Plan, kept: Path) -> list[str]:
     """Put the records of `kept` where the plan looks for them; return the names of those it lacked.
 
     A run comes without its parameters, so its training counts as done only where nothing is left to be made
-    with it; else it is trained anew. Searches first: the rates that win name the runs that follow.
+    with it; else it is trained anew, and until then the report reads what is known of it. Searches first: the
+    rates that win name the runs that follow. Raises `ValueError` where `kept` is no folder: now, not when the
+    first job has ended.
     """
+    if kept.exists() and not kept.is_dir():
+        raise ValueError(f"--keep {kept} is a file; name a folder for the records.")
     taken: list[str] = []
     for method in plan.settings.search.methods:
         taken += _take(plan.search_jobs(method), kept)
@@ -27,7 +31,11 @@ def take_over(plan: Plan, kept: Path) -> list[str]:
     needed = {job.run for job in jobs if job.kind not in (TRAIN, SIMULATE) and not job.done.is_file()}
     diverged = [job for job in jobs if job.kind == TRAIN and _diverged(_name(job, kept))]
     whole = [job for job in jobs if job.kind == TRAIN and job.run not in needed]
-    return taken + _take([*whole, *diverged], kept)
+    taken += _take([*whole, *diverged], kept)
+    for job in jobs:
+        if job.kind == TRAIN and not job.done.is_file() and _name(job, kept).is_file():
+            write_json(known_training(job), read_json(_name(job, kept)))
+    return taken
 
 
 def keep(plan: Plan, kept: Path) -> None:

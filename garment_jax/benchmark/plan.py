@@ -187,6 +187,11 @@ class Plan:
         return self.out / "results" / f"{row.name}-s{seed}-{kind}-{digest(parts)}.json"
 
 
+def known_training(job: Job) -> Path:
+    """Return the file that tells of a TRAIN job's run where it was trained elsewhere and is not here."""
+    return job.done.with_name("trained_elsewhere.json")
+
+
 def search_error(job: Job) -> float | None:
     """Return the validation error in cm of a finished search run, infinite if it diverged, None if open."""
     if not job.done.is_file():

@@ -154,7 +154,11 @@ def time_plot(records: Records) -> str:
 def _has_curve(record: RowRecord) -> bool:
     """Return whether a row's validation rolled out, and it was trained on all clips."""
     return bool(
-        record.row.part == 1 and record.rolls and not record.reconstructs and record.trained[0]["curve"]
+        record.row.part == 1
+        and record.rolls
+        and not record.reconstructs
+        and record.trained
+        and record.trained[0]["curve"]
     )
 
 

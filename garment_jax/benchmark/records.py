@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.benchmark.files import read_json
-from garment_jax.benchmark.plan import Job, Plan
+from garment_jax.benchmark.plan import Job, Plan, known_training
 from garment_jax.benchmark.settings import OURS, Row
 
 
@@ -74,7 +74,9 @@ def gather(plan: Plan) -> Records:
 def _row_record(plan: Plan, row: Row) -> RowRecord:
     jobs = [plan.roll_job(row, seed) for seed in row.seeds]
     rolls = [record for record in map(_read, jobs) if record is not None]
-    trained = [record for record in (_read(plan.train_job(row, seed)) for seed in row.seeds) if record]
+    runs = [plan.train_job(row, seed) for seed in row.seeds]
+    found = [_read(job) or _read(job._replace(done=known_training(job))) for job in runs]
+    trained = [record for record in found if record]
     return RowRecord(row, rolls, trained, _read(plan.time_job(row)))
 
 

@@ -9,6 +9,8 @@ from garment_jax.benchmark import runner
 from garment_jax.benchmark.files import read_json, write_json
 from garment_jax.benchmark.keeping import keep, take_over
 from garment_jax.benchmark.plan import TRAIN, Job, Plan
+from garment_jax.benchmark.plots import all_plots
+from garment_jax.benchmark.records import gather
 from garment_jax.benchmark.worker import make_plan as told_plan
 from tests.benchmark.made import finish, make_plan, write_benchmark
 
@@ -44,6 +46,10 @@ def test_a_run_with_something_left_to_measure_is_trained_anew(tmp_path: Path) ->
     again = make_plan(tmp_path)
     (kept / gone.done.name).unlink()
     take_over(again, kept)
+    records = gather(again)
+    whole = {record.row.name: record for record in records.rows}["no_previous_state"]
+    assert whole.trained[0]["run"] == gone.run  # the report tells of it all the same
+    assert all_plots(records, again.settings.lengths)
     left = []
     while (job := runner.next_job(again, {})) is not None:
         finish(again, job)
@@ -92,3 +98,11 @@ def test_records_of_other_data_are_left_alone(tmp_path: Path) -> None:
     taken = take_over(again, kept)
     assert not any(job.done.is_file() for job in again.jobs() if job.run)
     assert all(name.startswith("simulator") for name in taken)  # of the test clips alone
+
+
+def test_a_file_is_refused_before_anything_is_done(tmp_path: Path) -> None:
+    path, kept = write_benchmark(tmp_path), tmp_path / "kept"
+    kept.write_text("")
+    with pytest.raises(ValueError, match=r"--keep .*kept is a file; name a folder for the records"):
+        runner.benchmark(path, kept=kept, show=lambda text: None)
+    assert not (tmp_path / "out" / "runs").exists()
