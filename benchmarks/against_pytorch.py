@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import jax
@@ -48,7 +49,7 @@ def in_turn(ways: dict[str, Callable[[], None]], *, rounds: int = ROUNDS) -> dic
 
 
 def frames_of(x: FrameInput) -> FrameInput:
-    return FrameInput(*(leaf[:FRAMES] for leaf in x))
+    return jax.tree.map(lambda leaf: leaf[:FRAMES], x)
 
 
 def jax_rollouts(case: Case) -> dict[str, Callable]:
@@ -62,7 +63,7 @@ def jax_rollouts(case: Case) -> dict[str, Callable]:
     def steps() -> np.ndarray:
         state, V = case.start, []
         for t in range(FRAMES):
-            state, v = one(case.params, state, FrameInput(*(leaf[t] for leaf in x)))
+            state, v = one(case.params, state, jax.tree.map(itemgetter(t), x))
             V.append(np.asarray(v))
         return np.stack(V)
 
@@ -74,7 +75,7 @@ def torch_rollouts(case: Case, *, compiled: bool) -> dict[str, Callable]:
     from pytorch_peer import Garment, tensor
 
     model = Garment(case.params, case.template, case.config).eval()
-    M, turn, shift = (tensor(leaf) for leaf in frames_of(case.x))
+    M, turn, shift = (tensor(leaf) for leaf in frames_of(case.x)[:3])
 
     def rollout(frame: Callable) -> np.ndarray:
         h, V = tensor(case.start.h)[None], tensor(case.start.V_prev)[None]

@@ -21,7 +21,7 @@ from sized import Case, dressed, make_case, predictions, repeated, sized_config
 
 from garment_jax.body.looped_motion import looped_motion
 from garment_jax.rollout.scan import make_rollout
-from garment_jax.structs import FrameInput, RiggedBody, Scene
+from garment_jax.structs import RiggedBody, Scene
 
 SIZES = {
     "vertices": (1_000, 2_800, 9_352, 30_000, 100_000),
@@ -48,9 +48,9 @@ def exponents(sizes: list[float], values: list[float]) -> tuple[float, float]:
 
 def chunk_megabytes(case: Case, copies: int = 1) -> float:
     """Return the memory of the compiled chunk: arguments, results, and what lies between."""
-    x, start = FrameInput(*(leaf[:CHUNK] for leaf in case.x)), case.start
+    x, start = jax.tree.map(lambda leaf: leaf[:CHUNK], case.x), case.start
     if copies > 1:
-        x = FrameInput(*(np.repeat(leaf[:, None], copies, axis=1) for leaf in x))
+        x = jax.tree.map(lambda leaf: np.repeat(leaf[:, None], copies, axis=1), x)
         start = repeated(start, copies)
     run = make_rollout(case.template, case.config)
     memory = run.lower(case.params, start, x).compile().memory_analysis()  # type: ignore[attr-defined]

@@ -21,7 +21,6 @@ from pipeline_speed import CHUNK
 from sized import dressed, make_case, sized_config
 
 from garment_jax.rollout.scan import make_rollout
-from garment_jax.structs import FrameInput
 
 ROUNDS = 4
 FRAMING = ("jit(run)", "while", "body", "closed_call")  # of every operation's name
@@ -71,7 +70,7 @@ def main() -> None:
     config = sized_config(options.uv, rank=options.rank)
     case = make_case(scene, motion, vertices=options.vertices, config=config)
     run = make_rollout(case.template, config)
-    x = FrameInput(*(leaf[:CHUNK] for leaf in case.x))
+    x = jax.tree.map(lambda leaf: leaf[:CHUNK], case.x)
     compiled = run.lower(case.params, case.start, x).compile()  # type: ignore[attr-defined]
     jax.block_until_ready(compiled(case.params, case.start, x))
     with tempfile.TemporaryDirectory() as folder:

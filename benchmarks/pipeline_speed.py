@@ -34,7 +34,6 @@ from garment_jax.collision.sequence import first_carry, make_resolver
 from garment_jax.collision.solid import everything
 from garment_jax.rollout.clips import rollout_chunks
 from garment_jax.rollout.scan import make_rollout
-from garment_jax.structs import FrameInput
 
 CHUNK = 32
 
@@ -55,9 +54,9 @@ def network_samples(case: Case, *, detail: bool = True, copies: int = 1) -> np.n
     run = make_rollout(case.template, case.config, detail=detail)
     x, start = case.x, case.start
     if copies > 1:
-        x = FrameInput(*(np.repeat(leaf[:, None], copies, axis=1) for leaf in x))
+        x = jax.tree.map(lambda leaf: np.repeat(leaf[:, None], copies, axis=1), x)
         start = repeated(start, copies)
-    again = FrameInput(*(np.concatenate([leaf[:CHUNK], leaf]) for leaf in x))  # the first chunk compiles
+    again = jax.tree.map(lambda leaf: np.concatenate([leaf[:CHUNK], leaf]), x)  # the first chunk compiles
     return samples_of(V for _, V in rollout_chunks(run, case.params, start, again, chunk=CHUNK))
 
 

@@ -21,13 +21,12 @@ import numpy as np
 from measured import report
 from scipy.linalg import cho_factor, cho_solve
 
-from garment_jax.baselines.body_skinning import closest_weights, joint_transforms
 from garment_jax.baselines.features import columns
 from garment_jax.baselines.principal import Components, coefficients, principal_components
-from garment_jax.baselines.santesteban import unposed
+from garment_jax.body.garment_skinning import closest_weights, joint_transforms
 from garment_jax.config import load_config
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, prepare
-from garment_jax.geometry.skinning import skin
+from garment_jax.geometry.skinning import skin, unskin_frames
 from garment_jax.geometry.topology import neighbour_table
 
 SECONDS = (0.1, 0.3, 1.0)  # time constants of the motion's running means
@@ -78,11 +77,11 @@ class Frames:
         self.pose = jax.jit(jax.vmap(skin, (0, None, 0, 0)))
 
     def of(self, clip: PreparedClip, which: np.ndarray) -> np.ndarray:
-        V = frames_of(clip, which, self.data)[0]
+        V = frames_of(clip, which, self.data)
         if self.W is None:
             return V
         R, t = joint_transforms(clip.motion, self.data.scene)
-        return in_chunks(unposed, V, self.W, R[which], t[which])
+        return in_chunks(unskin_frames, V, self.W, R[which], t[which])
 
     def back(self, clip: PreparedClip, U: np.ndarray) -> np.ndarray:
         if self.W is None:

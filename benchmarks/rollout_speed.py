@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import jax
@@ -68,7 +69,7 @@ def scan(run: Callable, params: dict, state: MotionCarry, x: FrameInput, chunk: 
 
 def frame_by_frame(one: Callable, params: dict, state: MotionCarry, x: FrameInput) -> Iterator[int]:
     for t in range(len(x.M)):
-        state, V = one(params, state, FrameInput(*(leaf[t] for leaf in x)))
+        state, V = one(params, state, jax.tree.map(itemgetter(t), x))
         np.asarray(V)
         yield 1
 

@@ -50,6 +50,7 @@ class GenerativeConfig:
     decomposition: bool = True  # D_rec and D_dyn; false: one decoder of positions from all of Z
     instance_norm: bool = True
     map_statistics: bool = True  # give E_gen's dense layer the channel means and deviations
+    skin_reach: float = 0.0  # metres; unposed by weights smoothed so far; 0: the root frame, as in the paper
     linear_skip: bool = True  # linear paths beside the networks, begun from principal components
     laplacian: Literal["uniform", "cotangent"] = "uniform"  # of the template, everywhere
     norm: Literal["cm2", "plain"] = "cm2"  # mean squared cm, or the paper's norm of the mesh
@@ -279,16 +280,17 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, dynamics) counts where it differs from the defaults, so that
-    older hashes hold.
+    What came later (baselines, decomposition, skin_reach, dynamics) counts where it differs from the
+    defaults, so that older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
     if config.dynamics == DynamicsConfig():
         del values["dynamics"]
-    if config.generative.decomposition:
-        del values["generative"]["decomposition"]
+    for key in ("decomposition", "skin_reach"):
+        if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
+            del values["generative"][key]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -80,7 +80,7 @@ def train_residual(
         # late in the window, where the state has seen enough; anywhere where the clip begins
         at = np.array([int(rng.integers(window // 2 if s else 0, window)) for s in starts])
         picks = list(zip(clips, starts, at, strict=True))
-        V = [frames_of(run.data.train[c], np.array([s + k]), run.data)[0][0] for c, s, k in picks]
+        V = [frames_of(run.data.train[c], np.array([s + k]), run.data)[0] for c, s, k in picks]
         return ResidualBatch(
             np.stack([motions[c][s : s + window] for c, s, _ in picks], axis=1), at, np.stack(V)
         )

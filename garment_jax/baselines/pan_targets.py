@@ -27,6 +27,6 @@ def bone_targets(run: Run, bones: Bones) -> list[np.ndarray]:
 def _of_clip(run: Run, clip: PreparedClip, bones: Bones) -> np.ndarray:
     parts = []
     for start in range(0, len(clip.V), CHUNK):
-        V = frames_of(clip, np.arange(start, min(start + CHUNK, len(clip.V))), run.data)[0]
+        V = frames_of(clip, np.arange(start, min(start + CHUNK, len(clip.V))), run.data)
         parts.append(as_numbers(*bone_transforms(run.template.T, V, bones.weights), bones.centres))
     return np.concatenate(parts)

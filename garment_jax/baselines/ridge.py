@@ -79,7 +79,7 @@ def _parameters(run: Run, *, past: bool) -> dict[str, np.ndarray]:
     chosen = columns(run.data.scene.body, run.config, READS)
     x = [normalised(clip.input.x.M, run.template, chosen) for clip in run.data.train]
     c = [
-        coefficients(lambda which, clip=clip: frames_of(clip, which, run.data)[0], len(clip.V), components)
+        coefficients(lambda which, clip=clip: frames_of(clip, which, run.data), len(clip.V), components)
         for clip in run.data.train
     ]
     deviation = np.maximum(np.concatenate(c).std(axis=0), 1e-6)

@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.baselines.body_skinning import closest_weights, joint_transforms
 from garment_jax.baselines.clip_motions import clip_errors, clip_motions
 from garment_jax.baselines.features import columns, normalised
 from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
@@ -25,10 +24,11 @@ from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.principal import CHUNK, Components, coefficients, principal_components
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, recur, train_recurrent
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
+from garment_jax.body.garment_skinning import closest_weights, joint_transforms
 from garment_jax.config import Config
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import frames_of
-from garment_jax.geometry.skinning import skin, unskin
+from garment_jax.geometry.skinning import skin, unskin_frames
 from garment_jax.rollout.model import Model, template_for
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run, say
@@ -69,12 +69,6 @@ def displacement(params: dict, out: Float[Array, "*b k"]) -> Float[Array, "*b n 
     flat = (out * params["deviation"].reshape(*lead, -1)) @ params["basis"]
     flat = flat + params["mean"].reshape(*lead, -1)
     return flat.reshape(*out.shape[:-1], -1, 3)
-
-
-@jax.jit
-def unposed(V: jax.Array, W: jax.Array, R: jax.Array, t: jax.Array) -> jax.Array:
-    """Return the frames `V` `[k, n, 3]` (root frames) in canonical pose, by the damped inverse of `skin`."""
-    return jax.vmap(lambda V, R, t: unskin(V, W, R, t)[0])(V, R, t)
 
 
 def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
@@ -154,8 +148,8 @@ def _displacements(
     for start in range(0, len(which), CHUNK):
         # the last window repeats its last frame, so that every call has the same shape: one compilation
         window = which[np.minimum(np.arange(start, start + CHUNK), len(which) - 1)]
-        V = frames_of(run.data.train[clip], window, run.data)[0]
-        T_tilde = np.asarray(unposed(V, W, posed[0][window], posed[1][window]))
+        V = frames_of(run.data.train[clip], window, run.data)
+        T_tilde = np.asarray(unskin_frames(V, W, posed[0][window], posed[1][window]))
         stop = min(start + CHUNK, len(which))
         out[start:stop] = T_tilde[: stop - start] - run.template.T
     return out

@@ -29,6 +29,7 @@ def single_decoder(config: Config) -> Config:
     generative = dataclasses.replace(
         config.generative,
         decomposition=False,
+        skin_reach=0.0,
         steps=settings.decoder_steps,
         learning_rate=settings.decoder_rate,
     )

@@ -9,10 +9,14 @@ import numpy as np
 from garment_jax.benchmark.files import write_json
 from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.plan import Job, Plan
+from garment_jax.body.garment_skinning import joint_transforms
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.sequence import open_sequence
+from garment_jax.data.template import Template
 from garment_jax.generative.network import decode, encode
+from garment_jax.geometry.skinning import unskin_frames
 from garment_jax.rollout.model import Model, template_for
+from garment_jax.structs import Motion
 from garment_jax.training.pipeline import trained_model
 
 PAIRS, SHOWN, STEPS = 24, 2, 11  # pairs of true frames, those that are drawn, shapes from one to the other
@@ -36,7 +40,10 @@ def smoothness(shapes: np.ndarray) -> Smoothness:
 
 
 def between(model: Model, ends: Any, template: Any) -> Any:
-    """Return the shapes `[STEPS, n, 3]` decoded evenly between the codes of `ends` `[2, n, 3]`."""
+    """Return the shapes `[STEPS, n, 3]` decoded evenly between the codes of `ends` `[2, n, 3]`.
+
+    All in the networks' frame.
+    """
     params, config = model.params["generative"], model.config.generative
     mean = encode(params, ends, template=template, config=config).mean
     part = jnp.linspace(0.0, 1.0, STEPS)[:, None]
@@ -48,9 +55,9 @@ def measure_latent(plan: Plan, job: Job) -> None:
     """Interpolate between random true frames of the test clips and write figures and two rows of shapes."""
     model = trained_model(plan.run_dir(job.run))
     rng = np.random.default_rng(0)
-    ends = np.stack([_random_frame(plan, rng) for _ in range(2 * PAIRS)]).reshape(PAIRS, 2, -1, 3)
     with open_sequence(plan.test[0]) as clip:
         template, _ = template_for(model, clip.scene, clip.name)
+    ends = np.stack([_random_frame(plan, rng, template) for _ in range(2 * PAIRS)]).reshape(PAIRS, 2, -1, 3)
     shapes_of = jax.jit(lambda pair: between(model, pair, template))
     rows = [np.asarray(shapes_of(pair)) for pair in ends]
     figures = [smoothness(row) for row in rows]
@@ -71,10 +78,13 @@ def measure_latent(plan: Plan, job: Job) -> None:
     write_json(job.done, record)
 
 
-def _random_frame(plan: Plan, rng: np.random.Generator) -> np.ndarray:
-    """Return a random true frame `[n, 3]` float32 of a random test clip, root frame."""
+def _random_frame(plan: Plan, rng: np.random.Generator, template: Template) -> np.ndarray:
+    """Return a random true frame `[n, 3]` float32 of a random test clip, in the networks' frame."""
     with open_sequence(plan.test[int(rng.integers(len(plan.test)))]) as clip:
         t = int(rng.integers(clip.frames))
-        V, motion = clip.read(t, t + 1).astype(np.float64), clip.motion
-    yaw = heading(motion.rotations[t : t + 1, 0])
-    return to_root(V, motion.root[t : t + 1].astype(np.float64), yaw)[0].astype(np.float32)
+        V, scene = clip.read(t, t + 1).astype(np.float64), clip.scene
+        motion = Motion(clip.motion.rotations[t : t + 1], clip.motion.root[t : t + 1], clip.fps)
+    local = to_root(V, motion.root.astype(np.float64), heading(motion.rotations[:, 0])).astype(np.float32)
+    if template.W is not None:
+        local = np.asarray(unskin_frames(local, template.W, *joint_transforms(motion, scene)))
+    return local[0]

@@ -16,13 +16,14 @@ from garment_jax.collision.sequence import padded
 from garment_jax.config import Config
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.generative.canonical import posed, unposed
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import Animator, Chunk, make_animator
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.model import Model, save_model, skinned_template, template_for
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
-from garment_jax.structs import Motion, Scene
+from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import train, trained_model
 
 TITLES = {OURS: "ours"} | {name: method.title for name, method in METHODS.items()}
@@ -137,10 +138,15 @@ def reconstructed(model: Model, scene: Scene, motion: Motion, V: np.ndarray, nam
     local = to_root(V.astype(np.float64), inputs.root, inputs.yaw).astype(np.float32)
 
     @jax.jit
-    def rebuild(V: jax.Array) -> jax.Array:
-        mean = encode(params, V, template=template, config=config).mean
-        return decode(params, mean, template=template, config=config).V
+    def rebuild(V: jax.Array, x: FrameInput) -> jax.Array:
+        mean = encode(params, unposed(V, x, template=template), template=template, config=config).mean
+        return posed(decode(params, mean, template=template, config=config).V, x, template=template)
 
-    pieces = [rebuild(jnp.asarray(padded(local[i : i + BATCH], BATCH))) for i in range(0, len(local), BATCH)]
+    def piece(first: int) -> jax.Array:
+        few = (padded(leaf[first : first + BATCH], BATCH) for leaf in (local, *inputs.x))
+        V, *x = map(jnp.asarray, few)
+        return rebuild(V, FrameInput(*x))
+
+    pieces = [piece(first) for first in range(0, len(local), BATCH)]
     rebuilt = np.concatenate([np.asarray(piece) for piece in pieces])[: len(local)]
     return from_root(rebuilt.astype(np.float64), inputs.root, inputs.yaw).astype(np.float32)

@@ -13,7 +13,7 @@ def mirror_motion(motion: Motion, body: RiggedBody) -> Motion:
     Raises `ValueError` when a Left… joint has no Right… partner or the skeleton is not symmetric
     within 1 cm.
     """
-    partner = [_partner(name, body) for name in body.joint_names]
+    partner = joint_partners(body)
     error = np.abs(body.joints[partner] * FLIP - body.joints).max()
     if error > 0.01:
         raise ValueError(
@@ -22,6 +22,11 @@ def mirror_motion(motion: Motion, body: RiggedBody) -> Motion:
         )
     rotations = motion.rotations[:, partner] * FLIP[:, None] * FLIP[None, :]
     return Motion(rotations, motion.root * FLIP, motion.fps)
+
+
+def joint_partners(body: RiggedBody) -> list[int]:
+    """Return which joint each one becomes in the mirror; `ValueError` for a Left… without a Right…."""
+    return [_partner(name, body) for name in body.joint_names]
 
 
 def _partner(name: str, body: RiggedBody) -> int:

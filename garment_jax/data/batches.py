@@ -1,18 +1,19 @@
 """Training batches, each a function of the step alone, so that a resumed run sees what it would have."""
 
 from collections.abc import Callable
+from operator import itemgetter
 
 import jax
 import numpy as np
 
 from garment_jax.config import DynamicsConfig, GenerativeConfig, MotionConfig
 from garment_jax.data.lanes import LaneWindow, frame_weights, make_schedule
-from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
+from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, targets_of, unposed_targets_of
 from garment_jax.structs import FrameInput
 
 
 def random_frames(data: DataSet, count: int, *, seed: int, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return V_star and T_tilde_star `[count, n, 3]` of frames drawn from all training clips."""
+    """Return V_star (networks' frame) and T_tilde_star `[count, n, 3]` of frames of all training clips."""
     rng = np.random.default_rng([seed, step])
     ends = np.cumsum([len(clip.V) for clip in data.train])
     picks = np.sort(rng.integers(0, ends[-1], count))
@@ -20,20 +21,18 @@ def random_frames(data: DataSet, count: int, *, seed: int, step: int) -> tuple[n
     V, T_tilde = [], []
     for clip in np.unique(which):
         local = picks[which == clip] - (ends[clip - 1] if clip else 0)
-        v, t = frames_of(data.train[clip], local, data)
-        V.append(v)
-        T_tilde.append(t)
+        V.append(targets_of(data.train[clip], local, data))
+        T_tilde.append(unposed_targets_of(data.train[clip], local, data))
     return np.concatenate(V), np.concatenate(T_tilde)
 
 
 def spread_frames(data: DataSet, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return about `count` frames spread evenly over all training clips: V and T_tilde `[k, n, 3]`."""
+    """Return about `count` frames spread over all training clips, as `random_frames` does."""
     total = sum(len(clip.V) for clip in data.train)
     stride = max(total // count, 1)
-    parts = [
-        frames_of(clip, np.arange(i % stride, len(clip.V), stride), data) for i, clip in enumerate(data.train)
-    ]
-    return np.concatenate([v for v, _ in parts]), np.concatenate([t for _, t in parts])
+    picks = [(clip, np.arange(i % stride, len(clip.V), stride), data) for i, clip in enumerate(data.train)]
+    V, T_tilde = ([of(*pick) for pick in picks] for of in (targets_of, unposed_targets_of))
+    return np.concatenate(V), np.concatenate(T_tilde)
 
 
 def lane_schedule(
@@ -62,10 +61,10 @@ def lane_schedule(
 def lane_inputs(data: DataSet, lanes: LaneWindow, window: int) -> FrameInput:
     """Return the motion of every lane's window, leaves `[W, L, ...]`."""
     pieces = [
-        FrameInput(*(leaf[start : start + window] for leaf in data.train[clip].input.x))
+        jax.tree.map(itemgetter(slice(start, start + window)), data.train[clip].input.x)
         for clip, start in zip(lanes.clip, lanes.start, strict=True)
     ]
-    return FrameInput(*(np.stack(leaves, axis=1) for leaves in zip(*pieces, strict=True)))
+    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *pieces)
 
 
 def lane_codes(Z: list[np.ndarray], lanes: LaneWindow, window: int) -> np.ndarray:
@@ -77,7 +76,7 @@ def lane_codes(Z: list[np.ndarray], lanes: LaneWindow, window: int) -> np.ndarra
 def lane_vertices(data: DataSet, lanes: LaneWindow, window: int) -> np.ndarray:
     """Return the true garment of every lane's window, `[W, L, n, 3]` metres, root frame."""
     picks = zip(lanes.clip, lanes.start, strict=True)
-    return np.stack([frames_of(data.train[c], np.arange(s, s + window), data)[0] for c, s in picks], axis=1)
+    return np.stack([frames_of(data.train[c], np.arange(s, s + window), data) for c, s in picks], axis=1)
 
 
 def lane_starts(data: DataSet, lanes: LaneWindow, skinned: Callable[..., jax.Array], n: int) -> np.ndarray:
@@ -94,7 +93,7 @@ def lane_starts(data: DataSet, lanes: LaneWindow, skinned: Callable[..., jax.Arr
         V = np.array(skinned(R, t))
     for lane in np.flatnonzero(lanes.fresh & lanes.true_start):
         clip: PreparedClip = data.train[lanes.clip[lane]]
-        V[lane] = frames_of(clip, before[lane : lane + 1], data)[0][0]
+        V[lane] = targets_of(clip, before[lane : lane + 1], data)[0]
     return V
 
 

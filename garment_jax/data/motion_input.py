@@ -1,9 +1,12 @@
 """A clip's motion as the networks take it: features, root carry-over and seed transforms (host)."""
 
+from operator import itemgetter
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
+from garment_jax.body.garment_skinning import joint_transforms
 from garment_jax.body.motion_features import motion_features
 from garment_jax.body.root_frame import carry_over, heading
 from garment_jax.body.seeds import Seeds, seed_transforms
@@ -21,7 +24,7 @@ class MotionInput(NamedTuple):
 
     def frame(self, t: int) -> FrameInput:
         """Return the network's input of frame `t`, without a frame axis."""
-        return FrameInput(*(leaf[t] for leaf in self.x))
+        return jax.tree.map(itemgetter(t), self.x)
 
 
 def motion_input(
@@ -44,4 +47,5 @@ def motion_input(
     posed = Motion(motion.rotations[:seed_frames], motion.root[:seed_frames], motion.fps)
     R_seed, t_seed = seed_transforms(seeds, scene, posed, yaw[:seed_frames])
     M = motion_features(motion, scene.body, joints)
-    return MotionInput(FrameInput(M, turn, shift), R_seed, t_seed, root, yaw)
+    x = FrameInput(M, turn, shift, *joint_transforms(motion, scene))
+    return MotionInput(x, R_seed, t_seed, root, yaw)

@@ -24,9 +24,9 @@ from garment_jax.config import Config
 from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
-from garment_jax.data.template import STD_FLOOR, Statistics
+from garment_jax.data.template import STD_FLOOR, Statistics, canonical_weights
 from garment_jax.data.validation import check_clip, check_input, check_same_garment
-from garment_jax.geometry.skinning import unskin_fixed_point
+from garment_jax.geometry.skinning import unskin_fixed_point, unskin_frames
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.structs import Motion, Scene
 
@@ -38,6 +38,7 @@ class PreparedClip(NamedTuple):
 
     name: str
     V: np.ndarray  # [t, n, 3] float32 metres, root frame; memory-mapped; of the clip as recorded
+    U: np.ndarray  # [t, n, 3] V in the networks' frame: V itself, or in canonical pose
     T_tilde: np.ndarray  # [t, n, 3] float32 metres, canonical root frame; by inverse skinning
     input: MotionInput  # of the mirrored motion, for a mirror image
     mirrored: bool
@@ -57,13 +58,23 @@ class DataSet(NamedTuple):
     fps: float  # of every clip
 
 
-def frames_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> tuple[np.ndarray, np.ndarray]:
-    """Return V and T_tilde of the frames `which`, `[k, n, 3]` each, mirrored if the clip is."""
-    V, T_tilde = np.asarray(clip.V[which]), np.asarray(clip.T_tilde[which])
-    if not clip.mirrored:
-        return V, T_tilde
-    flip = FLIP.astype(np.float32)
-    return V[:, data.mirror] * flip, T_tilde[:, data.mirror] * flip
+def frames_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> np.ndarray:
+    """Return the garments of the frames `which`, `[k, n, 3]` metres, root frame; mirrored if the clip is."""
+    return _mirrored(clip, data, np.asarray(clip.V[which]))
+
+
+def targets_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> np.ndarray:
+    """Return the same garments as `frames_of` in the networks' frame: what our stages learn."""
+    return _mirrored(clip, data, np.asarray(clip.U[which]))
+
+
+def unposed_targets_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> np.ndarray:
+    """Return T_tilde of the frames `which`, `[k, n, 3]` metres, mirrored if the clip is."""
+    return _mirrored(clip, data, np.asarray(clip.T_tilde[which]))
+
+
+def _mirrored(clip: PreparedClip, data: DataSet, X: np.ndarray) -> np.ndarray:
+    return X[:, data.mirror] * FLIP.astype(np.float32) if clip.mirrored else X
 
 
 def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
@@ -78,6 +89,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
         scene, garment_name, fps = first.scene, first.name, first.fps
     seeds = make_seeds(scene, config.body.seeds)
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
+    W = canonical_weights(scene, config)
     train, validation, digest = [], [], hashlib.sha256()
     for path in paths:
         with open_sequence(path) as sequence:
@@ -92,7 +104,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
                 )
             key = _cache_key(path, sequence, config)
             digest.update(key.encode())
-            clip = _prepare_clip(sequence, seeds, config, cache / key)
+            clip = _prepare_clip(sequence, seeds, W, config, cache / key)
         if _is_named(path, config.data.validation):
             validation.append(clip)
             continue
@@ -128,31 +140,43 @@ def _cache_key(path: Path, sequence: Sequence, config: Config) -> str:
     stat = path.stat()
     parts = [path.stem, stat.st_size, stat.st_mtime_ns, scene_hash(sequence.scene)]
     parts += [config.body.seeds, config.body.tau, config.body.skin_iterations]
+    # what came later counts where it is used, so that older names hold
+    parts += [config.generative.skin_reach, config.data.mirror] if config.generative.skin_reach else []
     return f"{path.stem}-{hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:12]}"
 
 
-def _prepare_clip(sequence: Sequence, seeds: Seeds, config: Config, cache: Path) -> PreparedClip:
+def _prepare_clip(
+    sequence: Sequence, seeds: Seeds, W: np.ndarray | None, config: Config, cache: Path
+) -> PreparedClip:
     """Return the clip, computing its arrays into `cache` unless they are there."""
     inputs = motion_input(sequence.motion, sequence.scene, seeds, config.body.motion_joints)
     # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
-    names = [cache.with_name(f"{cache.name}.{part}.npy") for part in ("V", "T_tilde")]
+    parts = ("V", "T_tilde") if W is None else ("V", "T_tilde", "U")
+    names = [cache.with_name(f"{cache.name}.{part}.npy") for part in parts]
     if not all(name.exists() for name in names):
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
-        _compute_arrays(sequence, inputs, seeds, config, names)
-    V, T_tilde = (np.load(name, mmap_mode="r") for name in names)
-    return PreparedClip(sequence.name, V, T_tilde, inputs, False, sequence.motion)
+        _compute_arrays(sequence, inputs, seeds, W, config, names)
+    V, T_tilde, *canonical = (np.load(name, mmap_mode="r") for name in names)
+    U = canonical[0] if canonical else V
+    return PreparedClip(sequence.name, V, U, T_tilde, inputs, False, sequence.motion)
 
 
 def _compute_arrays(
-    sequence: Sequence, inputs: MotionInput, seeds: Seeds, config: Config, names: list[Path]
+    sequence: Sequence,
+    inputs: MotionInput,
+    seeds: Seeds,
+    W: np.ndarray | None,
+    config: Config,
+    names: list[Path],
 ) -> None:
     garment, body = sequence.scene.garment, sequence.scene.body
     T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
     names[0].parent.mkdir(parents=True, exist_ok=True)
     shape = (sequence.frames, *T.shape)
     partial = [name.with_suffix(".partial") for name in names]
-    V, T_tilde = (np.lib.format.open_memmap(p, "w+", np.float32, shape) for p in partial)
+    arrays = [np.lib.format.open_memmap(p, "w+", np.float32, shape) for p in partial]
+    V, T_tilde = arrays[:2]
     for start in range(0, sequence.frames, CHUNK):
         # the last window is moved back so that every call has the same shape: one compilation
         start = max(min(start, sequence.frames - CHUNK), 0)
@@ -167,7 +191,9 @@ def _compute_arrays(
             tau=config.body.tau,
             iterations=config.body.skin_iterations,
         )
-    for array in (V, T_tilde):
+        if W is not None:
+            arrays[2][window] = unskin_frames(V[window], W, inputs.x.R[window], inputs.x.t[window])
+    for array in arrays:
         array.flush()
     for temporary, name in zip(partial, names, strict=True):
         os.replace(temporary, name)
@@ -201,10 +227,10 @@ def _mirror_image(clip: PreparedClip, scene: Scene, seeds: Seeds, config: Config
 def _statistics(clips: list[PreparedClip], mirrored: bool) -> Statistics:
     """Return means and deviations over the training clips, in float64, one clip at a time."""
     recorded = [clip for clip in clips if not clip.mirrored]
-    count = sum(clip.V.shape[0] * clip.V.shape[1] for clip in recorded)
-    mean = np.sum([np.asarray(clip.V, np.float64).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
+    count = sum(clip.U.shape[0] * clip.U.shape[1] for clip in recorded)
+    mean = np.sum([np.asarray(clip.U, np.float64).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
     mean = mean * [0.0, 1.0, 1.0] if mirrored else mean
-    square = np.sum([np.square(clip.V - mean).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
+    square = np.sum([np.square(clip.U - mean).sum(axis=(0, 1)) for clip in recorded], axis=0) / count
     M = np.concatenate([clip.input.x.M for clip in clips]).astype(np.float64)
     return Statistics(
         mean.astype(np.float32),

@@ -3,9 +3,11 @@
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.seeds import Seeds
+from garment_jax.data.template import Template
 from garment_jax.geometry.skinning import skin, softmax_weights
 
 
@@ -18,3 +20,14 @@ def make_skinned_template(T: np.ndarray, seeds: Seeds, tau: float) -> Callable[.
 
     compiled = jax.jit(pose)
     return lambda R_seed, t_seed: compiled(T, W, R_seed, t_seed)
+
+
+def make_start(template: Template, seeds: Seeds, tau: float) -> Callable[..., jax.Array]:
+    """Return a function as `make_skinned_template` does, of the same template in the networks' frame.
+
+    In canonical pose a carried template is the template itself.
+    """
+    if template.W is None:
+        return make_skinned_template(template.T, seeds, tau)
+    T = jnp.asarray(template.T)
+    return lambda R_seed, t_seed: jnp.broadcast_to(T, (len(R_seed), *T.shape))

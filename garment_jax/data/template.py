@@ -4,17 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.garment_skinning import garment_weights
+from garment_jax.config import Config
 from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, uniform_table
 from garment_jax.geometry.topology import Neighbours, neighbour_table
 from garment_jax.geometry.uv_atlas import UvAtlas, make_atlas
-from garment_jax.structs import Garment, RiggedBody
+from garment_jax.structs import Garment, RiggedBody, Scene
 
 
 class Statistics(NamedTuple):
     """Means and deviations of the training set; kept in the checkpoint."""
 
-    map_mean: np.ndarray  # [3] metres, of the vertices in the root frame, per axis
+    map_mean: np.ndarray  # [3] metres, of the vertices in the networks' frame, per axis
     map_std: np.ndarray  # [3] metres
     motion_mean: np.ndarray  # [d] of the motion features
     motion_std: np.ndarray  # [d], at least STD_FLOOR: a constant feature divides by it
@@ -31,13 +33,20 @@ class Template(NamedTuple):
     neighbours: Neighbours
     interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
+    W: np.ndarray | None = None  # [n, j] weights that pose it; None: networks see it in the root frame
 
 
 STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant
 
 
 def make_template(
-    garment: Garment, body: RiggedBody, statistics: Statistics, *, uv_size: int, laplacian: str = "uniform"
+    garment: Garment,
+    body: RiggedBody,
+    statistics: Statistics,
+    *,
+    uv_size: int,
+    laplacian: str = "uniform",
+    W: np.ndarray | None = None,
 ) -> Template:
     """Return the static tables of `garment` on `body` (see `make_atlas` for what is refused)."""
     n = len(garment.template)
@@ -49,4 +58,22 @@ def make_template(
     neighbours = neighbour_table(garment.faces, n)
     interior = np.ones(n, bool)
     interior[boundary_edges(garment.faces)] = False
-    return Template(T, make_atlas(garment, uv_size), table, neighbours, interior, statistics)
+    return Template(T, make_atlas(garment, uv_size), table, neighbours, interior, statistics, W)
+
+
+def canonical_weights(scene: Scene, config: Config) -> np.ndarray | None:
+    """Return the weights `[n, j]` that pose what networks see in canonical pose; None for the root frame."""
+    reach = config.generative.skin_reach
+    return garment_weights(scene, reach=reach, mirrored=config.data.mirror) if reach else None
+
+
+def scene_template(scene: Scene, statistics: Statistics, config: Config) -> Template:
+    """Return the static tables of a scene's garment for the networks of `config`."""
+    return make_template(
+        scene.garment,
+        scene.body,
+        statistics,
+        uv_size=config.uv.size,
+        laplacian=config.generative.laplacian,
+        W=canonical_weights(scene, config),
+    )

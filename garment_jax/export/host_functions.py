@@ -25,6 +25,8 @@ class Frame(NamedTuple):
     M: jax.Array  # [d] motion features
     turn: jax.Array  # [3, 3]
     shift: jax.Array  # [3] metres
+    R: jax.Array  # [j, 3, 3] joints, canonical -> posed, root frame
+    t: jax.Array  # [j, 3] metres
     to_world: jax.Array  # [3, 3] world = V @ to_world + root
     pins: jax.Array  # [p, 3] metres, root frame; p may be 0
 
@@ -63,7 +65,11 @@ def frame_input(
         here @ Y,
     ]
     M = jnp.concatenate([part.reshape(-1) for part in parts])
-    return Frame(M, _yaw_matrix(*turned), -walked @ Y, Y.T, _pins(scene, rotations, every) @ Y)
+    R_root = (Y[None, :, :, None] * rotations[:, :, None, :]).sum(axis=1)  # Y^T R_j
+    rest = (body.joints - body.joints[0]).astype(np.float32)
+    t_root = every @ Y - (R_root * rest[:, None, :]).sum(axis=-1)
+    pins = _pins(scene, rotations, every) @ Y
+    return Frame(M, _yaw_matrix(*turned), -walked @ Y, R_root, t_root, Y.T, pins)
 
 
 def first_frame(

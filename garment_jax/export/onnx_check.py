@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.export.step_subject import StepSubject, first_state, step_function
+from garment_jax.export.step_subject import StepSubject, first_state, frame_fields, step_function
 from garment_jax.rollout.attachment import make_attachment
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
-INPUTS, OUTPUTS = ("h", "V_prev", "M", "turn", "shift"), ("V", "h_next", "V_prev_next")
+OUTPUTS = ("V", "h_next", "V_prev_next")
 
 
 class Comparison(NamedTuple):
@@ -28,14 +28,15 @@ def compare_rollouts(
     """Roll the subject's motion out both ways, frame by frame on the CPU; 0 `threads` are all cores."""
     session = open_graph(step_graph, threads=threads)
     inputs, (h, V_prev) = first_state(subject)
-    compiled = jax.jit(step_function(subject, detail))
+    compiled, fields = jax.jit(step_function(subject, detail)), frame_fields(subject)
     state_jax, state_onnx, rows = [h, V_prev], [np.asarray(h), np.asarray(V_prev)], []
     for t in range(len(inputs.x.M)):
-        x = inputs.frame(t)
+        x = [getattr(inputs.x, name)[t] for name in fields]
         began = time.perf_counter()
         V, *state_jax = jax.block_until_ready(compiled(*state_jax, *x))
         between = time.perf_counter()
-        made, *state_onnx = session.run(OUTPUTS, dict(zip(INPUTS, (*state_onnx, *x), strict=True)))
+        given = dict(zip(("h", "V_prev", *fields), (*state_onnx, *x), strict=True))
+        made, *state_onnx = session.run(OUTPUTS, given)
         ended = time.perf_counter()
         rows.append((np.abs(np.asarray(V) - made).max(), between - began, ended - between))
     return Comparison(*np.array(rows).T)
@@ -89,11 +90,12 @@ def _frame_departure(subject: StepSubject, graph: bytes) -> float:
     """Frame 0 is left out: its predecessor is the host's choice."""
     session, x = open_graph(graph), first_state(subject)[0].x
     R, root = (np.asarray(leaf, np.float32) for leaf in subject.motion[:2])
-    worst = 0.0
+    worst, names = 0.0, frame_fields(subject)
+    expected = [getattr(x, name) for name in names]
     for t in range(1, len(R)):
         skeletons = {"rotations": R[t], "root": root[t], "rotations_prev": R[t - 1], "root_prev": root[t - 1]}
-        made = session.run(list(x._fields), skeletons)
-        worst = max(worst, *(float(np.abs(a - b[t]).max()) for a, b in zip(made, x, strict=True)))
+        made = session.run(list(names), skeletons)
+        worst = max(worst, *(float(np.abs(a - b[t]).max()) for a, b in zip(made, expected, strict=True)))
     return worst
 
 

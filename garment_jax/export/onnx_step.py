@@ -18,7 +18,7 @@ from garment_jax.body.motion_features import chosen_joints, feature_names
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
-from garment_jax.export.step_subject import StepSubject, load_subject, step_function
+from garment_jax.export.step_subject import StepSubject, frame_fields, load_subject, step_function
 from garment_jax.export.written_whole import written_whole
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.skinning import softmax_weights
@@ -89,12 +89,19 @@ def _step_graph(subject: StepSubject, detail: bool, opset: int) -> Any:
     config, n = subject.model.config, len(subject.template.T)
     d = len(subject.template.statistics.motion_mean)
     frame = "metres, root frame of "
+    j, canonical = len(subject.scene.body.joints), subject.template.W is not None
+    of_last = "metres, canonical pose" if canonical else f"{frame}the last frame"
+    ports = {
+        "M": Port("M", (d,), "motion features, see the property features"),
+        "turn": Port("turn", (3, 3), "v @ turn + shift puts v of the last root frame into this one"),
+        "shift": Port("shift", (3,), "metres"),
+        "R": Port("R", (j, 3, 3), "R_j x + t_j puts a point x that joint j carries into this root frame"),
+        "t": Port("t", (j, 3), "metres; x from the canonical root joint"),
+    }
     inputs = [
         Port("h", (config.motion.gru,), "recurrent state"),
-        Port("V_prev", (n, 3), f"garment of the last frame before detail, {frame}the last frame"),
-        Port("M", (d,), "motion features, see the property features"),
-        Port("turn", (3, 3), "v @ turn + shift puts v of the last root frame into this one"),
-        Port("shift", (3,), "metres"),
+        Port("V_prev", (n, 3), f"garment of the last frame before detail, {of_last}"),
+        *(ports[name] for name in frame_fields(subject)),
     ]
     outputs = [
         ("V", f"garment, {frame}this frame"),
@@ -116,6 +123,8 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
     W = np.asarray(jax.jit(lambda T, x: softmax_weights(T, x, tau=config.body.tau))(T, subject.seeds.points))
 
     def run(rotations: jax.Array):
+        if subject.template.W is not None:  # a template carried by the joints is unposed the template
+            return jnp.zeros(config.motion.gru), jnp.asarray(T) + 0.0 * rotations[0, 0, 0]
         V = first_frame(subject.scene, subject.seeds, T, W, rotations)
         return jnp.zeros(config.motion.gru), V
 
@@ -127,17 +136,16 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
 def _frame_graph(subject: StepSubject, opset: int) -> Any:
     model, pinned = subject.model, subject.scene.pins is not None
 
-    def run(*skeletons: jax.Array):
-        frame = frame_input(subject.scene, model.config.body.motion_joints, model.fps, *skeletons)
-        return frame if pinned else frame[:-1]
-
     outputs = [
-        ("M", "motion features of the step"),
-        ("turn", "of the step"),
-        ("shift", "of the step, metres"),
+        *((name, "of the step, see there") for name in frame_fields(subject)),
         ("to_world", "world = V @ to_world + root"),
         *([("pins", "the vertices of the property pins on the body, metres, root frame")] if pinned else []),
     ]
+
+    def run(*skeletons: jax.Array):
+        frame = frame_input(subject.scene, model.config.body.motion_joints, model.fps, *skeletons)
+        return tuple(getattr(frame, name) for name, _ in outputs)
+
     properties = _properties(subject)
     return to_onnx(run, _skeleton(subject), outputs, name="frame", opset=opset, metadata=properties)
 

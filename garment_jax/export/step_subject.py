@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
+import numpy as np
 
 from garment_jax.body.seeds import Seeds
 from garment_jax.data.motion_input import MotionInput, motion_input
@@ -44,13 +45,15 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
 
 
 def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
-    """Return (h, V_prev, M, turn, shift) -> (V, h, V_prev of the next step), parameters inside."""
+    """Return (h, V_prev, *fields of the frame) -> (V, h, V_prev of the next step), parameters inside."""
+    names = frame_fields(subject)
+    still = FrameInput(None, np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
 
-    def run(h: jax.Array, V_prev: jax.Array, M: jax.Array, turn: jax.Array, shift: jax.Array):
+    def run(h: jax.Array, V_prev: jax.Array, *fields: jax.Array):
         state, V = step(
             subject.model.params,
             MotionCarry(h, V_prev),
-            FrameInput(M, turn, shift),
+            still._replace(**dict(zip(names, fields, strict=True))),
             template=subject.template,
             config=subject.model.config,
             detail=detail,
@@ -58,6 +61,14 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
         return V, state.h, state.V_prev
 
     return run
+
+
+def frame_fields(subject: StepSubject) -> tuple[str, ...]:
+    """Return which fields of `FrameInput` the step takes, in its order.
+
+    A model in canonical pose does not carry its last frame over, but poses the new one.
+    """
+    return ("M", "turn", "shift") if subject.template.W is None else ("M", "R", "t")
 
 
 def first_state(subject: StepSubject) -> tuple[MotionInput, MotionCarry]:

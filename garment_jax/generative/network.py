@@ -29,7 +29,7 @@ class Code(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A decoded garment, metres, root frame (T_tilde canonical)."""
+    """A decoded garment, metres, in the networks' frame (T_tilde canonical)."""
 
     V: jax.Array  # [*b, n, 3]
     T_tilde: jax.Array  # [*b, n, 3]
@@ -102,13 +102,13 @@ def init_generative(key: jax.Array, template: Template, *, config: GenerativeCon
 
 
 def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, "*b h w 3"]:
-    """Return S_v: the UV map of `V` (metres, root frame), normalised by the training set's statistics."""
+    """Return S_v: the UV map of `V` (metres, networks' frame) in the training set's deviations."""
     mean, std = (jnp.broadcast_to(x, V.shape) for x in template.statistics[:2])
     return to_map((V - mean) / std, template.atlas)
 
 
 def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, config: GenerativeConfig) -> Code:
-    """Return the latent code of garment frames `V` (metres, root frame): E_gen of its UV map."""
+    """Return the latent code of garment frames `V` (metres, networks' frame): E_gen of its UV map."""
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
     out = jnp.asarray(modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template)))
     mean, log_variance = jnp.split(out, 2, axis=-1)
@@ -119,7 +119,9 @@ def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, confi
 def decode(
     params: dict, Z: Float[Array, "*b latent"], *, template: Template, config: GenerativeConfig
 ) -> Decoded:
-    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres, root frame.
+    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres.
+
+    In the networks' frame: the root frame, or the canonical pose (`generative.canonical`).
 
     Without decomposition V = D_dyn(Z), and T_tilde is the template.
     """

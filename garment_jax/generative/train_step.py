@@ -17,7 +17,7 @@ from garment_jax.structs import TrainState
 class GenerativeBatch(NamedTuple):
     """Frames to reconstruct."""
 
-    V_star: Any  # [B, n, 3] metres, root frame
+    V_star: Any  # [B, n, 3] metres, networks' frame
     T_tilde_star: Any  # [B, n, 3] metres, canonical; by inverse skinning
 
 

@@ -32,19 +32,19 @@ def softmax_weights(
 
 
 def _blend(W: jax.Array, R_seed: jax.Array, t_seed: jax.Array) -> tuple[jax.Array, jax.Array]:
-    matrices = (W @ R_seed.reshape(-1, 9)).reshape(-1, 3, 3)
-    return matrices, W @ t_seed
+    matrices = W @ R_seed.reshape(*R_seed.shape[:-2], 9)
+    return matrices.reshape(*matrices.shape[:-1], 3, 3), W @ t_seed
 
 
 def skin(
-    T_tilde: Float[Array, "n 3"],
+    T_tilde: Float[Array, "*b n 3"],
     W: Float[Array, "n m"],
-    R_seed: Float[Array, "m 3 3"],
-    t_seed: Float[Array, "m 3"],
-) -> Float[Array, "n 3"]:
-    """Return the unposed garment carried by its seeds: sum_j W_ij (R_j x_i + t_j), metres."""
+    R_seed: Float[Array, "*b m 3 3"],
+    t_seed: Float[Array, "*b m 3"],
+) -> Float[Array, "*b n 3"]:
+    """Return the unposed garment carried by its seeds or joints: sum_j W_ij (R_j x_i + t_j), metres."""
     A, b = _blend(W, R_seed, t_seed)
-    return (A * T_tilde[:, None, :]).sum(axis=-1) + b
+    return (A * T_tilde[..., None, :]).sum(axis=-1) + b
 
 
 def _damped_inverse(A: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -109,3 +109,9 @@ def unskin_fixed_point(
 
 
 unskin_sequence = jax.vmap(unskin, in_axes=(0, None, 0, 0))
+
+
+@jax.jit
+def unskin_frames(V: jax.Array, W: jax.Array, R: jax.Array, t: jax.Array) -> jax.Array:
+    """Return the frames `V` `[k, n, 3]` (root frames) in canonical pose, by the damped inverse of `skin`."""
+    return unskin_sequence(V, W, R, t)[0]

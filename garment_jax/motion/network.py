@@ -25,7 +25,7 @@ class MotionCarry(NamedTuple):
     """What a rollout carries from frame to frame."""
 
     h: jax.Array  # [*b, gru] state of E_m
-    V_prev: jax.Array  # [*b, n, 3] last predicted frame before detail and collision, its own root frame
+    V_prev: jax.Array  # [*b, n, 3] last predicted frame before detail and collision, networks' frame
 
 
 def state_encoder(config: MotionConfig, generative: GenerativeConfig, size: int) -> MapEncoder:
@@ -105,6 +105,11 @@ def carry_over(V_prev: Float[Array, "*b n 3"], x: FrameInput) -> Float[Array, "*
     return V_prev @ x.turn + x.shift[..., None, :]
 
 
+def last_frame(V_prev: Float[Array, "*b n 3"], x: FrameInput, template: Template) -> Float[Array, "*b n 3"]:
+    """Return the last frame as E_s reads it: carried over into this root frame, or unposed as it was."""
+    return carry_over(V_prev, x) if template.W is None else V_prev
+
+
 def code_of(params: dict, h: Float[Array, "*b k"]) -> Float[Array, "*b latent"]:
     """Return the latent code Z of GRU states `h` where the last frame is not read (the ablation)."""
     return _dense(params["fc"], h)
@@ -133,7 +138,7 @@ def held_back(x: FrameInput, template: Template) -> FrameInput:
     o, i = jnp.zeros_like(c), jnp.ones_like(c)
     turn = jnp.stack([c, o, sine, o, i, o, -sine, o, c], axis=-1).reshape(x.turn.shape)
     turn = jnp.where((kept < 1.0)[..., None, None], turn, x.turn)
-    return FrameInput(x.M, turn, x.shift * part[..., :3])
+    return x._replace(turn=turn, shift=x.shift * part[..., :3])
 
 
 def motion_code(
@@ -148,7 +153,7 @@ def motion_code(
 ) -> tuple[Float[Array, "*b k"], Float[Array, "*b latent"]]:
     """Return the next GRU state and the latent code Z of one frame.
 
-    `V_prev` is already in this frame's root frame (`carry_over`); it is not read at all when
+    `V_prev` is as `last_frame` gives it; it is not read at all when
     `config.previous_state` is off.
     """
     h = gru_step(params, h, gates)

@@ -13,9 +13,10 @@ import optax
 
 from garment_jax.config import GenerativeConfig, MotionConfig
 from garment_jax.data.template import Template
+from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode
 from garment_jax.motion.losses import motion_terms
-from garment_jax.motion.network import MotionCarry, carry_over, gates_of, motion_code, normalise_motion
+from garment_jax.motion.network import MotionCarry, gates_of, last_frame, motion_code, normalise_motion
 from garment_jax.structs import FrameInput, TrainState
 
 
@@ -27,7 +28,7 @@ class MotionBatch(NamedTuple):
     Z_star: Any  # [W, L, latent] code of the truth
     weight: Any  # [W, L] how much each frame's error counts
     fresh: Any  # [L] bool, the lane begins here
-    V_start: Any  # [L, n, 3] V_prev of fresh lanes, in frame -1's root frame (skinned: frame 0's)
+    V_start: Any  # [L, n, 3] V_prev of fresh lanes, of frame -1 (skinned: of frame 0)
 
 
 def empty_carry(lanes: int, n: int, config: MotionConfig) -> MotionCarry:
@@ -78,15 +79,16 @@ def motion_loss(
 
     def frame(carry: MotionCarry, inputs):
         x, gates, V_star, Z_star, key = inputs
-        V_prev = carry_over(carry.V_prev, x)
+        V_prev = last_frame(carry.V_prev, x, template)
         if config.state_noise:
             V_prev = V_prev + config.state_noise * jax.random.normal(key, V_prev.shape)
         h, Z = motion_code(
             params, carry.h, V_prev, gates, template=template, config=config, generative=generative
         )
         V = decode(frozen, Z, template=template, config=generative).V
-        terms = motion_terms(V, V_star, Z, Z_star, template=template, config=config)
-        return MotionCarry(h, V), (terms, 1e4 * jnp.square(V - V_star).sum(axis=-1).mean(axis=-1))
+        seen = posed(V, x, template=template)  # unposed, an error is larger where legs part
+        terms = motion_terms(seen, V_star, Z, Z_star, template=template, config=config)
+        return MotionCarry(h, V), (terms, 1e4 * jnp.square(seen - V_star).sum(axis=-1).mean(axis=-1))
 
     keys = jax.random.split(state_key, len(batch.V_star))
     inputs = (batch.x, gates, batch.V_star, batch.Z_star, keys)

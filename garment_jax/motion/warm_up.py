@@ -21,7 +21,7 @@ from garment_jax.generative.blocks import PooledSkip, along_channels, pool
 from garment_jax.generative.network import POOLED
 from garment_jax.geometry.laplacian import laplacian
 from garment_jax.geometry.uv_maps import to_map
-from garment_jax.motion.network import gru_step
+from garment_jax.motion.network import gru_step, last_frame
 from garment_jax.motion.train_step import noisy_gates
 from garment_jax.structs import FrameInput, TrainState
 
@@ -29,7 +29,7 @@ from garment_jax.structs import FrameInput, TrainState
 class LinearGarment(NamedTuple):
     """The garment as a linear function of Z, as far as E_s' pooled path and the loss need it."""
 
-    pooled_mean: np.ndarray  # [p, 3] metres, root frame
+    pooled_mean: np.ndarray  # [p, 3] metres, networks' frame
     pooled_modes: np.ndarray  # [K, p, 3] metres per unit of Z
     metric: np.ndarray  # [K, K]; |dZ @ metric|^2 is L_geo in cm2
 
@@ -117,7 +117,7 @@ def warm_up_loss(
 
     def frame(carry: WarmUpCarry, inputs):
         x, gates, key = inputs
-        pooled = carry.pooled @ x.turn + x.shift[..., None, :]
+        pooled = last_frame(carry.pooled, x, template)
         if config.state_noise:
             # smooth over the garment: a random code, of the stated size in vertices
             pooled = pooled + config.state_noise * jax.random.normal(key, (len(pooled), 1, 3))

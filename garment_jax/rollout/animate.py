@@ -19,7 +19,7 @@ from garment_jax.body.root_frame import from_root
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
-from garment_jax.data.start import make_skinned_template
+from garment_jax.data.start import make_start
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.ahead import one_ahead
@@ -90,14 +90,14 @@ def make_animator(
     facts = {"scene": scene_hash(scene), "model": repr(model.config), "statistics": _digits(model.statistics)}
     finish = _make_finisher(model, scene, template, programs, facts, collision, out_of_reach)
     chunk, joints = model.config.rollout.chunk, model.config.body.motion_joints
-    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
+    begin = make_start(template, seeds, model.config.body.tau)
     roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
 
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
         _check_rate(model, motion, name)
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
-        V_start = pose(inputs.R_seed[:1], inputs.t_seed[:1])[0]
+        V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
         finished = finish(whole, inputs)
         for start, V in one_ahead(roll(whole, inputs, V_start)):
             stop = min(start + chunk, len(whole.root))

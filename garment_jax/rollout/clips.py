@@ -1,6 +1,7 @@
 """Several motions of different lengths rolled out side by side, chunk by chunk."""
 
 from collections.abc import Callable, Iterator, Sequence
+from operator import itemgetter
 
 import jax
 import numpy as np
@@ -20,16 +21,11 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
 
     def padded(motion: FrameInput) -> FrameInput:
         more = total - len(motion.M)
-        still = FrameInput(motion.M[-1], np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
-        return FrameInput(
-            *(
-                np.concatenate([a, np.repeat(b[None], more, axis=0)])
-                for a, b in zip(motion, still, strict=True)
-            )
-        )
+        still = jax.tree.map(itemgetter(-1), motion)
+        still = still._replace(turn=np.eye(3, dtype=np.float32), shift=np.zeros(3, np.float32))
+        return jax.tree.map(lambda a, b: np.concatenate([a, np.repeat(b[None], more, axis=0)]), motion, still)
 
-    filled = [padded(motion) for motion in motions]
-    stacked = FrameInput(*(np.stack(leaves, axis=1) for leaves in zip(*filled, strict=True)))
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *map(padded, motions))
     return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
 
 
@@ -54,7 +50,7 @@ def rollout_chunks(
     if frames % chunk:
         raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
     for start in range(0, frames, chunk):
-        piece = FrameInput(*(leaf[start : start + chunk] for leaf in x))
+        piece = jax.tree.map(itemgetter(slice(start, start + chunk)), x)
         state, V = run(params, state, piece)
         yield start, V
 

@@ -17,8 +17,8 @@ from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config, from_dict, load_config, to_toml
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.motion_input import MotionInput
-from garment_jax.data.start import make_skinned_template
-from garment_jax.data.template import Statistics, Template, make_template
+from garment_jax.data.start import make_start
+from garment_jax.data.template import Statistics, Template, scene_template
 from garment_jax.structs import Scene
 
 
@@ -78,22 +78,16 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
             f"{name} has another template, faces or UVs than the garment that the model was trained on "
             f"(hash {garment_hash(scene.garment)}, not {model.garment_hash}); use clips of the same garment."
         )
-    template = make_template(
-        scene.garment,
-        scene.body,
-        model.statistics,
-        uv_size=model.config.uv.size,
-        laplacian=model.config.generative.laplacian,
-    )
+    template = scene_template(scene, model.statistics, model.config)
     return template, make_seeds(scene, model.config.body.seeds)
 
 
 def skinned_template(
     model: Model, template: Template, seeds: Seeds, inputs: MotionInput, *, frame: int = 0
 ) -> jax.Array:
-    """Return the template carried by its seeds at `frame`, `[n, 3]` metres, root frame: a rollout's start."""
-    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
-    return pose(inputs.R_seed[frame : frame + 1], inputs.t_seed[frame : frame + 1])[0]
+    """Return the template at `frame`, `[n, 3]` metres, in the networks' frame: a rollout's start."""
+    start = make_start(template, seeds, model.config.body.tau)
+    return start(inputs.R_seed[frame : frame + 1], inputs.t_seed[frame : frame + 1])[0]
 
 
 def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:

@@ -16,7 +16,8 @@ from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, Motion, Scene
 
-# (motion, its inputs, V_start [n, 3]) -> (first frame, V [chunk, n, 3] in metres, root frames), ...
+# (motion, its inputs, V_start [n, 3] in the networks' frame)
+# -> (first frame, V [chunk, n, 3] in metres, root frames), ...
 Roller = Callable[[Motion, MotionInput, jax.Array], Iterator[tuple[int, jax.Array]]]
 
 
@@ -43,14 +44,16 @@ def _by_codes(
 ) -> Roller:
     chunk, d = model.config.rollout.chunk, len(model.statistics.motion_mean)
     state = init_state(model.params, jnp.zeros((model.vertices, 3)), config=model.config)
-    frames = FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in ((d,), (3, 3), (3,))))
+    j = len(scene.body.joints)
+    shapes = FrameInput((d,), (3, 3), (3,), (j, 3, 3), (j, 3))
+    frames = FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))
     rolled = make_rollout(template, model.config, detail=detail)
     example = shapes_of((model.params, state, frames))
     roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
 
     def run(motion: Motion, inputs: MotionInput, V_start: jax.Array) -> Iterator[tuple[int, jax.Array]]:
         x, _ = stack_motions([inputs.x], chunk)
-        single = FrameInput(*(leaf[:, 0] for leaf in x))
+        single = jax.tree.map(lambda leaf: leaf[:, 0], x)
         state = init_state(model.params, V_start, config=model.config)
         yield from rollout_chunks(roll, model.params, state, single, chunk=chunk)
 

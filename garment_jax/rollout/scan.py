@@ -31,17 +31,17 @@ def rollout(
     """
     state, Z, V = latent_rollout(params, state, x, template=template, config=config)
 
-    def finished(frame: tuple[jax.Array, jax.Array]) -> jax.Array:
+    def finished(frame: tuple[jax.Array, jax.Array, FrameInput]) -> jax.Array:
         return finish(params, *frame, template=template, config=config, detail=detail)
 
     # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
-    return state, jax.lax.map(finished, (V, Z))
+    return state, jax.lax.map(finished, (V, Z, x))
 
 
 def latent_rollout(
     params: dict, state: MotionCarry, x: FrameInput, *, template: Template, config: Config
 ) -> tuple[MotionCarry, Float[Array, "t *b latent"], Float[Array, "t *b n 3"]]:
-    """Return the state after the frames, their latent codes and their garments before detail."""
+    """Return the state after the frames, their codes and, in the networks' frame, garments before detail."""
     gates = motion_gates(params["motion"], x.M, template=template)
     if not config.motion.previous_state:
         return _memoryless_rollout(params, state, gates, template=template, config=config)

@@ -6,8 +6,9 @@ from jaxtyping import Array, Float
 
 from garment_jax.config import Config
 from garment_jax.data.template import Template
+from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode
-from garment_jax.motion.network import MotionCarry, carry_over, held_back, motion_code, motion_gates
+from garment_jax.motion.network import MotionCarry, held_back, last_frame, motion_code, motion_gates
 from garment_jax.structs import FrameInput
 
 
@@ -15,7 +16,8 @@ def init_state(params: dict, V_start: Float[Array, "*b n 3"], *, config: Config)
     """Return the state before the first frame, from the garment that hangs there.
 
     `V_start` (metres, root frame of the first frame) is the skinned template (`skinned_template`) or a
-    frame that the user gives. `params` is not read; it keeps the pair's signatures alike.
+    frame that the user gives, which a model in canonical pose wants unposed (`generative.canonical`).
+    `params` is not read; it keeps the pair's signatures alike.
     """
     del params
     return MotionCarry(jnp.zeros((*V_start.shape[:-2], config.motion.gru), V_start.dtype), V_start)
@@ -37,7 +39,7 @@ def motion_step(
     h, Z = motion_code(
         params["motion"],
         state.h,
-        carry_over(state.V_prev, held_back(x, template)),
+        last_frame(state.V_prev, held_back(x, template), template),
         gates,
         template=template,
         config=config.motion,
@@ -63,15 +65,22 @@ def step(
     """
     gates = motion_gates(params["motion"], x.M, template=template)
     state, Z = motion_step(params, state, x, gates, template=template, config=config)
-    return state, finish(params, state.V_prev, Z, template=template, config=config, detail=detail)
+    return state, finish(params, state.V_prev, Z, x, template=template, config=config, detail=detail)
 
 
 def finish(
-    params: dict, V: jax.Array, Z: jax.Array, *, template: Template, config: Config, detail: bool = True
+    params: dict,
+    V: jax.Array,
+    Z: jax.Array,
+    x: FrameInput,
+    *,
+    template: Template,
+    config: Config,
+    detail: bool = True,
 ) -> jax.Array:
-    """Return V_f: the decoded garment with its detail offset, if wanted and trained."""
-    if not detail or "detail" not in params:
-        return V
-    from garment_jax.detail.network import enhance  # a part that is off is not even imported
+    """Return V_f in root frames: the decoded garment with its detail offset, if wanted and trained."""
+    if detail and "detail" in params:
+        from garment_jax.detail.network import enhance  # a part that is off is not even imported
 
-    return enhance(params["detail"], V, Z, template=template, config=config.detail)
+        V = enhance(params["detail"], V, Z, template=template, config=config.detail)
+    return posed(V, x, template=template)

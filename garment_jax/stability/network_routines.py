@@ -42,7 +42,7 @@ def rollout_routine(model: Model, subject: Subject, frames: int) -> Routine:
     inputs = motion_input(
         subject.motions[0][1], subject.scene, seeds, config.body.motion_joints, seed_frames=1
     )
-    x = FrameInput(*(np.asarray(leaf[:frames], np.float64) for leaf in inputs.x))
+    x = jax.tree.map(lambda leaf: np.asarray(leaf[:frames], np.float64), inputs.x)
     start = np.asarray(skinned_template(model, template, seeds, inputs), np.float64)
     params = jax.tree.map(
         lambda leaf: np.asarray(leaf, np.float64), {k: model.params[k] for k in ("generative", "motion")}

@@ -5,7 +5,7 @@ import os
 import jax
 import numpy as np
 
-from garment_jax.data.prepared import frames_of
+from garment_jax.data.prepared import targets_of
 from garment_jax.generative.network import encode
 from garment_jax.training.run import Run, say
 
@@ -29,7 +29,7 @@ def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
         Z = np.zeros((len(clip.V), run.config.generative.latent_dim), np.float32)
         for start in range(0, len(clip.V), CHUNK):
             window = np.minimum(np.arange(start, start + CHUNK), len(clip.V) - 1)
-            Z[window] = mean(generative, frames_of(clip, window, run.data)[0])
+            Z[window] = mean(generative, targets_of(clip, window, run.data))
         codes.append(Z)
     partial = path.with_suffix(".partial.npz")
     np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})

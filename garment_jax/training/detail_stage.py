@@ -1,12 +1,13 @@
 """Stage 3: the detail enhancement module against its discriminator (paper 3.4)."""
 
 import os
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.prepared import frames_of
+from garment_jax.data.prepared import targets_of
 from garment_jax.detail.train_step import DetailBatch, init_players, make_detail_train_step, side_by_side
 from garment_jax.generative.network import decode
 from garment_jax.rollout.clips import stack_motions
@@ -37,7 +38,7 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
         frames = [int(rng.integers(min(first, lengths[c] - 1), lengths[c])) for c in clips]
         codes = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
         truth = [
-            frames_of(run.data.train[c], np.array([f]), run.data)[0][0]
+            targets_of(run.data.train[c], np.array([f]), run.data)[0]
             for c, f in zip(clips, frames, strict=True)
         ]
         return DetailBatch(rebuild(codes), jnp.asarray(codes), jnp.asarray(np.stack(truth)))
@@ -98,7 +99,7 @@ def _rollout_codes(run: Run, params: dict) -> list[np.ndarray]:
         )
         state, parts = init_state(params, start, config=run.config), []
         for k in range(0, len(x.M), CHUNK):
-            state, Z = roll(params, state, FrameInput(*(leaf[k : k + CHUNK] for leaf in x)))
+            state, Z = roll(params, state, jax.tree.map(itemgetter(slice(k, k + CHUNK)), x))
             parts.append(np.asarray(Z))
         whole = np.concatenate(parts)
         codes += [whole[: len(clip.V), b] for b, clip in enumerate(clips)]

@@ -103,7 +103,7 @@ def _cut(body: BodyFrame, start: int, window: int) -> BodyFrame:
 def _before(data: DataSet, bodies: list[BodyFrame], clip: int, start: int) -> np.ndarray:
     """Return the true frame `start - 2` in the root frame of `start - 1` (at a clip's begin, its first)."""
     last, before = max(start - 1, 0), max(start - 2, 0)
-    V = frames_of(data.train[clip], np.array([before]), data)[0][0]
+    V = frames_of(data.train[clip], np.array([before]), data)[0]
     return V if last == before else V @ bodies[clip].turn[last] + bodies[clip].shift[last]
 
 

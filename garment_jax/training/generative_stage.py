@@ -1,16 +1,18 @@
 """Stage 1: the garment generative model (paper 3.2)."""
 
 from collections.abc import Callable
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.data.batches import random_frames, spread_frames
+from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode, encode, init_generative
 from garment_jax.generative.principal import begin_linear
 from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
-from garment_jax.structs import TrainState
+from garment_jax.structs import FrameInput, TrainState
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, checkpointer, optimise, say
 
@@ -68,18 +70,22 @@ def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
     config = run.config.generative
 
     @jax.jit
-    def error(params: dict, V: jax.Array) -> jax.Array:
-        mean = encode(params, V, template=run.template, config=config).mean
+    def error(params: dict, V: jax.Array, U: jax.Array, x: FrameInput) -> jax.Array:
+        mean = encode(params, U, template=run.template, config=config).mean
         rebuilt = decode(params, mean, template=run.template, config=config).V
-        return 1e4 * jnp.square(rebuilt - V).sum(axis=-1).mean(axis=-1)
+        E = posed(rebuilt, x, template=run.template) - V
+        return 1e4 * jnp.square(E).sum(axis=-1).mean(axis=-1)
 
     def validate(state: TrainState) -> dict[str, float]:
         errors = {}
         for clip in run.data.validation:
-            frames = np.asarray(clip.V[::4])
-            size = min(16, len(frames))  # a short clip is one smaller batch
-            frames = frames[: len(frames) // size * size].reshape(-1, size, *frames.shape[1:])
-            square = np.mean([error(state.params, batch) for batch in frames])
+            every = jax.tree.map(lambda leaf: np.asarray(leaf[::4]), (clip.V, clip.U, clip.input.x))
+            count = len(every[0])
+            size = min(16, count)  # a short clip is one smaller batch
+            pieces = (
+                jax.tree.map(itemgetter(slice(i, i + size)), every) for i in range(0, count - size + 1, size)
+            )
+            square = np.mean([error(state.params, *piece) for piece in pieces])
             errors[f"{clip.name}_rmse_cm"] = float(np.sqrt(square))
         return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}
 

@@ -14,7 +14,7 @@ from garment_jax.data.batches import (
     lane_vertices,
     lane_weights,
 )
-from garment_jax.data.prepared import frames_of
+from garment_jax.data.prepared import targets_of
 from garment_jax.motion.network import init_motion
 from garment_jax.motion.train_step import MotionBatch, empty_carry, make_motion_train_step
 from garment_jax.motion.warm_up import (
@@ -55,7 +55,7 @@ def linear_garment(run: Run, Z: list[np.ndarray]) -> LinearGarment:
     """Return the linear garment that fits frames spread over the training clips."""
     stride = max(sum(map(len, Z)) // LINEAR_FRAMES, 1)
     picks = [np.arange(i % stride, len(z), stride) for i, z in enumerate(Z)]
-    V = [frames_of(clip, w, run.data)[0] for clip, w in zip(run.data.train, picks, strict=True)]
+    V = [targets_of(clip, w, run.data) for clip, w in zip(run.data.train, picks, strict=True)]
     codes = np.concatenate([z[w] for z, w in zip(Z, picks, strict=True)])
     return fit_linear_garment(
         codes,

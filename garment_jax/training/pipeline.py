@@ -20,7 +20,8 @@ def train(
 ) -> Path:
     """Train `stage` ("all" or one of `STAGES`) in `run_dir` and return it; goes on where it stopped.
 
-    Raises `ValueError` for an unknown stage or one whose predecessor is not trained.
+    Raises `ValueError` for an unknown stage, one whose predecessor is not trained, or settings that do not
+    go together.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
     from garment_jax.training.detail_stage import train_detail
@@ -33,6 +34,11 @@ def train(
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     if stage == "dynamics" and not config.dynamics.steps:
         raise ValueError("dynamics.steps = 0 leaves the local dynamics out; give --dynamics.steps a number.")
+    if config.dynamics.steps and config.generative.skin_reach:
+        raise ValueError(
+            f"generative.skin_reach = {config.generative.skin_reach:g} is for garments in canonical pose and "
+            "dynamics.steps for local dynamics, which move them in the root frame; set one of both to 0."
+        )
     if config.dynamics.steps and config.dynamics.begin_from:
         model_facts(config.dynamics.begin_from)  # a folder without a model is refused now, not hours later
     last = STAGES.index("dynamics" if stage == "all" else stage)

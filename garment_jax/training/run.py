@@ -12,8 +12,8 @@ import optax
 from garment_jax.config import Config, content_hash, to_dict
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.prepared import DataSet, prepare
-from garment_jax.data.start import make_skinned_template
-from garment_jax.data.template import Template, make_template
+from garment_jax.data.start import make_start
+from garment_jax.data.template import Template, scene_template
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
@@ -27,7 +27,7 @@ class Run(NamedTuple):
     folder: Path
     data: DataSet
     template: Template
-    skinned: Callable[..., jax.Array]  # (R_seed, t_seed) -> skinned template
+    skinned: Callable[..., jax.Array]  # (R_seed, t_seed) -> skinned template, networks' frame
     log: RunLog
 
 
@@ -48,15 +48,8 @@ def open_run(
     data = prepare(data_dir, config, folder / "cache")
     facts = {"garment": garment_hash(data.scene.garment), "data": data.content, **(more_facts or {})}
     prepare_run(folder, config, facts=facts)
-    scene = data.scene
-    template = make_template(
-        scene.garment,
-        scene.body,
-        data.statistics,
-        uv_size=config.uv.size,
-        laplacian=config.generative.laplacian,
-    )
-    skinned = make_skinned_template(template.T, data.seeds, config.body.tau)
+    template = scene_template(data.scene, data.statistics, config)
+    skinned = make_start(template, data.seeds, config.body.tau)
     return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))
 
 

@@ -18,7 +18,7 @@ from garment_jax.data.batches import (
 )
 from garment_jax.data.lanes import LaneWindow
 from garment_jax.data.motion_input import MotionInput
-from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
+from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, targets_of, unposed_targets_of
 from garment_jax.data.template import Statistics
 from garment_jax.structs import FrameInput, Motion
 from tests.reference.scene import make_scene
@@ -40,7 +40,7 @@ def clip_of(number: int, frames: int, *, mirrored: bool) -> PreparedClip:
     R = frame[:, None, None, None] + np.zeros((1, 2, 3, 3), np.float32)
     inputs = MotionInput(x, R, R[..., 0], frame[:, None] + np.zeros(3), frame.astype(float))
     motion = Motion(np.tile(np.eye(3, dtype=np.float32), (frames, 1, 1, 1)), np.zeros((frames, 3)), 30.0)
-    return PreparedClip(f"clip_{number}", V, V + 1000.0, inputs, mirrored, motion)
+    return PreparedClip(f"clip_{number}", V, V + 500.0, V + 1000.0, inputs, mirrored, motion)
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +62,10 @@ LANES = LaneWindow(
 
 
 def test_mirrored_frames_exchange_partners_and_flip_x(data: DataSet):
-    V, T_tilde = frames_of(data.train[2], np.array([3, 4]), data)
-    there, _ = frames_of(data.train[0], np.array([3, 4]), data)
-    np.testing.assert_array_equal(V, there[:, MIRROR] * [-1, 1, 1])
-    np.testing.assert_array_equal(T_tilde[..., 1], V[..., 1] + 1000.0)
+    which = np.array([3, 4])
+    for of, more in ((frames_of, 0.0), (targets_of, 500.0), (unposed_targets_of, 1000.0)):
+        there = frames_of(data.train[0], which, data) + np.float32(more)
+        np.testing.assert_array_equal(of(data.train[2], which, data), there[:, MIRROR] * [-1, 1, 1])
 
 
 def test_random_frames_depend_on_seed_and_step_alone_and_reach_every_clip(data: DataSet):
@@ -79,8 +79,8 @@ def test_random_frames_depend_on_seed_and_step_alone_and_reach_every_clip(data: 
         np.testing.assert_array_equal(again[1], T_tilde)
     assert not np.array_equal(random_frames(data, 64, seed=1, step=6)[0], V)
     assert not np.array_equal(random_frames(data, 64, seed=2, step=5)[0], V)
-    np.testing.assert_array_equal(T_tilde[..., 1] - V[..., 1], 1000.0)  # pairs stay together
-    side, number = np.sign(V[:, 0, 0] + 1e-6), V[:, 0, 1] // 100
+    np.testing.assert_array_equal(T_tilde[..., 1] - V[..., 1], 500.0)  # pairs stay together
+    side, number = np.sign(V[:, 0, 0] + 1e-6), V[:, 0, 1] // 100 - 5
     assert {(a, b) for a, b in zip(side, number, strict=True)} == {(1, 0), (1, 1), (-1, 0), (-1, 1)}
 
 
@@ -102,7 +102,7 @@ def test_lanes_read_inputs_codes_and_vertices_of_one_window(data: DataSet):
     np.testing.assert_array_equal(codes, x.M)
     np.testing.assert_array_equal(x.M[:, 1, 0], [102, 103, 104])
     np.testing.assert_array_equal(np.floor(V[:, 1, 0, 1]), [102, 103, 104])
-    np.testing.assert_array_equal(V[:, 2], frames_of(data.train[2], np.arange(4, 7), data)[0])
+    np.testing.assert_array_equal(V[:, 2], frames_of(data.train[2], np.arange(4, 7), data))
 
 
 def test_lanes_begin_from_the_frame_before_true_or_skinned(data: DataSet):
@@ -114,9 +114,9 @@ def test_lanes_begin_from_the_frame_before_true_or_skinned(data: DataSet):
 
     V = lane_starts(data, LANES, skinned, N)
     np.testing.assert_array_equal(asked["R"][:, 0, 0, 0], [0, 101, 3, 4])
-    np.testing.assert_array_equal(V[0], data.train[0].V[0])  # a clip's first frame has no predecessor
+    np.testing.assert_array_equal(V[0], data.train[0].U[0])  # a clip's first frame has no predecessor
     assert (V[1] == -5).all()
-    np.testing.assert_array_equal(V[2], frames_of(data.train[2], np.array([3]), data)[0][0])
+    np.testing.assert_array_equal(V[2], targets_of(data.train[2], np.array([3]), data)[0])
     on = LANES._replace(fresh=np.zeros(4, bool))
     assert not lane_starts(data, on, skinned, N).any()
 

@@ -4,11 +4,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from garment_jax.body.garment_skinning import garment_weights, joint_transforms
 from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
 from garment_jax.data.motion_input import motion_input
-from garment_jax.data.prepared import DataSet, frames_of, prepare, training_clips
+from garment_jax.data.prepared import (
+    DataSet,
+    frames_of,
+    prepare,
+    targets_of,
+    training_clips,
+    unposed_targets_of,
+)
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import STD_FLOOR
 from tests.reference import skinning
@@ -79,20 +87,47 @@ def test_unposed_targets_are_the_slow_fixed_point(data):
 
 def test_mirrored_frames_are_those_of_the_mirrored_motion(data):
     clip, image = data.train[:2]
-    V, T_tilde = frames_of(clip, np.array([3, 7]), data)
-    V_m, T_tilde_m = frames_of(image, np.array([3, 7]), data)
-    np.testing.assert_array_equal(V, clip.V[[3, 7]])
+    which = np.array([3, 7])
+    np.testing.assert_array_equal(frames_of(clip, which, data), clip.V[[3, 7]])
     assert data.mirror is not None
-    for i, partner in enumerate(data.mirror):
-        np.testing.assert_allclose(V_m[:, i], V[:, partner] * FLIP, atol=1e-7)
-        np.testing.assert_allclose(T_tilde_m[:, i], T_tilde[:, partner] * FLIP, atol=1e-7)
+    for of in (frames_of, targets_of, unposed_targets_of):
+        X, X_m = of(clip, which, data), of(image, which, data)
+        for i, partner in enumerate(data.mirror):
+            np.testing.assert_allclose(X_m[:, i], X[:, partner] * FLIP, atol=1e-7)
     motion = mirror_motion(make_motion(SCENE, FRAMES, 0), SCENE.body)
     expected = motion_input(motion, SCENE, data.seeds, CONFIG.body.motion_joints)
     np.testing.assert_allclose(image.input.x.M, expected.x.M, atol=1e-5)
 
 
+@pytest.fixture(scope="module")
+def canonical(folder, tmp_path_factory) -> DataSet:
+    generative = dataclasses.replace(CONFIG.generative, skin_reach=0.1)
+    return prepare(folder, dataclasses.replace(CONFIG, generative=generative), tmp_path_factory.mktemp("c"))
+
+
+def test_canonical_targets_posed_by_the_joints_are_the_clip_and_its_mirror_image(data, canonical):
+    W = garment_weights(SCENE, reach=0.1, mirrored=True)
+    for k, clip in enumerate(canonical.train[:2]):
+        R, t = joint_transforms(clip.motion, SCENE)
+        for frame in (0, 65):
+            which = np.array([frame])
+            U = targets_of(clip, which, canonical)[0].astype(float)
+            V = frames_of(clip, which, canonical)[0]
+            np.testing.assert_allclose(skinning.skin(U, W, R[frame], t[frame]), V, atol=1e-4)
+            np.testing.assert_array_equal(V, frames_of(data.train[k], which, data)[0])
+            assert np.abs(U - V).max() > 0.01
+
+
+def test_statistics_of_canonical_clips_are_of_what_the_networks_see(data, canonical):
+    U = np.concatenate([targets_of(clip, np.arange(FRAMES), canonical) for clip in canonical.train])
+    deviation = U.reshape(-1, 3).std(axis=0, dtype=float)
+    np.testing.assert_allclose(canonical.statistics.map_std, deviation, rtol=1e-4)
+    np.testing.assert_array_equal(canonical.statistics.motion_mean, data.statistics.motion_mean)
+    assert all(clip.U is clip.V for clip in data.train)
+
+
 def test_statistics_are_over_training_frames_and_their_mirror_images_alone(data):
-    V = np.concatenate([frames_of(clip, np.arange(FRAMES), data)[0] for clip in data.train]).reshape(-1, 3)
+    V = np.concatenate([frames_of(clip, np.arange(FRAMES), data) for clip in data.train]).reshape(-1, 3)
     M = np.concatenate([clip.input.x.M for clip in data.train])
     found = data.statistics
     np.testing.assert_allclose(found.map_mean, V.mean(axis=0, dtype=float), atol=1e-5)

@@ -4,6 +4,8 @@ import json
 import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -17,12 +19,15 @@ from garment_jax.export.onnx_step import export_step  # noqa: E402
 from garment_jax.rollout.attachment import make_attachment  # noqa: E402
 from garment_jax.rollout.model import save_model  # noqa: E402
 from garment_jax.rollout.scan import make_rollout  # noqa: E402
+from garment_jax.rollout.step import init_state  # noqa: E402
+from garment_jax.structs import Motion  # noqa: E402
 from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
 from tests.rollout.tiny_model import (  # noqa: E402
     CONFIG,
     JOINTS,
     SCENE,
     alone,
+    canonical_model,
     first_state,
     inputs_of,
     template,
@@ -53,7 +58,7 @@ def test_20_frames_from_a_skeleton_alone_are_the_rollout(folder: Path):
     for t in range(20):
         if t == 0:
             x, before = inputs.frame(0), V_prev
-            M, turn, shift = x
+            M, turn, shift = x[:3]
         else:
             skeletons = {"rotations": R[t], "root": root[t]}
             skeletons |= {"rotations_prev": R[t - 1], "root_prev": root[t - 1]}
@@ -64,6 +69,30 @@ def test_20_frames_from_a_skeleton_alone_are_the_rollout(folder: Path):
     assert np.abs(V - before).max() > 0.01
     world = from_root(V[None].astype(np.float64), inputs.root[19:], inputs.yaw[19:])[0]
     np.testing.assert_allclose(V @ to_world + root[19], world, atol=1e-5)
+
+
+def test_a_model_in_canonical_pose_takes_joints_in_place_of_turn_and_shift(folder: Path):
+    model, motion = canonical_model(), make_motion(SCENE, 20)
+    save_model(model, folder / "canonical", bits=32)
+    out = folder / "canonical.onnx"
+    facts = export_step(folder / "canonical", out, clip=folder / "clip.h5")  # runs 20 frames beside JAX
+    assert 0 < facts["step_departure"] < 1e-4
+    assert facts["start_departure"] == 0
+    start, frame, step = (
+        open_graph(out.with_suffix(f"{kind}.onnx").read_bytes()) for kind in (".start", ".frame", "")
+    )
+    assert [i.name for i in step.get_inputs()] == ["h", "V_prev", "M", "R", "t"]
+    R, root = motion.rotations.astype(np.float32), motion.root.astype(np.float32)
+    h, V_prev = start.run(["h", "V_prev"], {"rotations": R[0]})
+    skeletons = {"rotations": R[0], "root": root[0], "rotations_prev": R[0], "root_prev": root[0]}
+    made = dict(zip(("M", "R", "t"), frame.run(["M", "R", "t"], skeletons), strict=True))
+    still = Motion(motion.rotations[[0, 0]], motion.root[[0, 0]], motion.fps)
+    inputs, tables = inputs_of(still), template(model)
+    state = init_state(model.params, jnp.asarray(V_prev), config=model.config)
+    x = jax.tree.map(lambda leaf: leaf[1:], inputs.x)
+    expected = make_rollout(tables, model.config)(model.params, state, x)[1]
+    V = step.run(["V"], {"h": h, "V_prev": V_prev, **made})[0]
+    np.testing.assert_allclose(V, expected[0], atol=1e-4)
 
 
 def test_the_attached_garment_is_the_animations(folder: Path):

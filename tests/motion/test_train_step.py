@@ -6,6 +6,7 @@ import numpy as np
 import optax
 import pytest
 
+from garment_jax.body.garment_skinning import garment_weights
 from garment_jax.config import TrainingConfig
 from garment_jax.motion.network import MotionCarry
 from garment_jax.motion.train_step import (
@@ -16,6 +17,7 @@ from garment_jax.motion.train_step import (
 )
 from garment_jax.structs import TrainState
 from garment_jax.training.optimiser import make_optimiser
+from tests.reference import skinning
 from tests.reference.laplacian import uniform_laplacian
 from tests.reference.motion_window import LANES, W, frozen, motion_params, one_frame, window
 from tests.reference.small_model import GENERATIVE, MOTION, fast_key, small_model
@@ -154,3 +156,22 @@ def test_hidden_features_are_hidden_for_a_lanes_whole_window_and_noise_is_added(
     np.testing.assert_array_equal(hidden[:, ~gone], plain[:, ~gone])
     assert (gone[0] != gone[1]).any()
     assert 0.05 < np.abs(noisy - plain).mean() < 0.15
+
+
+def test_in_canonical_pose_the_error_is_that_of_the_posed_garment():
+    model = small_model()
+    weights = garment_weights(model.scene, reach=0.1, mirrored=False)
+    tables, batch = model.template._replace(W=weights), window()
+    step = make_motion_train_step(tables, frozen()[0], CONFIG, GENERATIVE, OPTIMISER)
+    metrics = step(first_state(), batch)[1]
+    square = []
+    for lane in range(LANES):
+        carry = MotionCarry(jnp.zeros(MOTION.gru), batch.V_start[lane])
+        for t in range(W):
+            x = jax.tree.map(lambda leaf, t=t, lane=lane: leaf[t, lane], batch.x)
+            # a body that stands: `one_frame` then carries the last frame over as it is
+            still = x._replace(turn=jnp.eye(3), shift=jnp.zeros(3))
+            carry, _ = one_frame(motion_params(), frozen()[0], carry, still)
+            V = skinning.skin(np.asarray(carry.V_prev, float), weights, np.asarray(x.R), np.asarray(x.t))
+            square.append(1e4 * np.square(V - batch.V_star[t, lane]).sum(axis=-1).mean())
+    assert float(metrics["rmse_cm"]) == pytest.approx(np.sqrt(np.mean(square)), rel=1e-4)

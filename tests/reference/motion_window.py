@@ -39,7 +39,7 @@ def window(first: int = 1, *, fresh: bool = True) -> MotionBatch:
     def lanes(array: np.ndarray) -> jax.Array:
         return jnp.asarray(np.stack([array[s : s + W] for s in starts], axis=1))
 
-    x = FrameInput(*map(lanes, model.input.x))
+    x = jax.tree.map(lanes, model.input.x)
     V_start = jnp.asarray(np.stack([model.V[s - 1] for s in starts]))
     weight, begun = jnp.ones((W, LANES)), jnp.full(LANES, fresh)
     return MotionBatch(x, lanes(model.V), lanes(Z), weight, begun, V_start)

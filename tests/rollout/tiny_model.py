@@ -1,5 +1,6 @@
 """An untrained model of 128 vertices whose rollouts move: what the rollout's tests run on."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import jax
@@ -106,15 +107,21 @@ def tiny_model() -> Model:
     return model._replace(params=params)
 
 
+def canonical_model() -> Model:
+    """Return the tiny model with its networks in canonical pose; the parameters are the same."""
+    generative = replace(CONFIG.generative, skin_reach=0.1)
+    return tiny_model()._replace(config=replace(CONFIG, generative=generative))
+
+
 def drawn(rng: np.random.Generator, shape: tuple[int, ...]) -> jax.Array:
     """Return a kernel larger than usual, or a bias: garments swing by decimetres and state matters."""
     fan_in = int(np.prod(shape[:-1])) if len(shape) > 1 else 25
     return jnp.asarray(rng.normal(size=shape) * 1.5 / np.sqrt(fan_in), jnp.float32)
 
 
-def template() -> Template:
-    """Return the tiny model's static tables."""
-    return template_for(tiny_model(), SCENE, "the tiny clip")[0]
+def template(model: Model | None = None) -> Template:
+    """Return the static tables of the tiny model, or of another one of its garment."""
+    return template_for(model or tiny_model(), SCENE, "the tiny clip")[0]
 
 
 def first_state(*inputs: MotionInput) -> MotionCarry:

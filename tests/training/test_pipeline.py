@@ -234,3 +234,24 @@ def test_an_unknown_stage_is_refused(tmp_path: Path, data_dir: Path):
         ValueError, match="--stage 'sewing' is unknown; choose all, generative, motion, detail"
     ):
         train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="sewing")
+
+
+def test_canonical_pose_and_local_dynamics_do_not_go_together(tmp_path: Path, data_dir: Path):
+    config = replace(CONFIG, dynamics=DYNAMICS, generative=replace(CONFIG.generative, skin_reach=0.1))
+    with pytest.raises(ValueError, match=r"skin_reach = 0\.1 is for garments in canonical pose"):
+        train(config, tmp_path / "run", data_dir=data_dir)
+    assert not (tmp_path / "run").exists()
+
+
+def test_all_stages_train_in_canonical_pose(tmp_path: Path, data_dir: Path):
+    config = replace(
+        CONFIG,
+        generative=replace(CONFIG.generative, skin_reach=0.1),
+        detail=replace(CONFIG.detail, source="rollout"),
+    )
+    model = trained_model(train(config, tmp_path / "run", data_dir=data_dir))
+    assert set(model.params) == {"generative", "motion", "detail"}
+    figures = animate_file(model, data_dir / "test" / "polka.h5", tmp_path / "polka.h5")
+    assert figures["frames"] == 15
+    with open_sequence(tmp_path / "polka.h5") as made, open_sequence(data_dir / "test" / "polka.h5") as true:
+        assert np.abs(made.read(0, 15) - true.read(0, 15)).max() < 0.5  # metres: on the body, if not trained

@@ -1,6 +1,8 @@
 """What the stages hand to each other: codes, cached once, and the choice of what detail learns from."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,37 +11,58 @@ import pytest
 
 from garment_jax.config import DataConfig
 from garment_jax.data.prepared import frames_of
-from garment_jax.generative.network import encode
-from garment_jax.rollout.scan import latent_rollout
-from garment_jax.structs import TrainState
+from garment_jax.generative.canonical import posed
+from garment_jax.generative.network import decode, encode
+from garment_jax.rollout.scan import latent_rollout, make_rollout
+from garment_jax.rollout.step import init_state
+from garment_jax.structs import FrameInput, TrainState
 from garment_jax.training import detail_stage, generative_stage, motion_stage
 from garment_jax.training.codes import true_codes
 from garment_jax.training.run import Run, open_run
 from tests.reference.scene import make_motion, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, tiny_model
+from tests.rollout.tiny_model import CONFIG, SCENE, alone, canonical_model, first_state, tiny_model
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory):
-    """An open run on one clip, its mirror image, and one kept back; nothing is trained."""
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two clips."""
     folder = tmp_path_factory.mktemp("stages")
     for name, frames in (("waltz", 9), ("short", 6)):
         write_clip(
             folder / "train" / f"{name}.h5", scene=SCENE, motion=make_motion(SCENE, frames, seed=frames)
         )
+    return folder
+
+
+def opened(folder: Path, reach: float) -> Iterator[Run]:
     config = replace(
-        CONFIG, data=DataConfig(validation=("short",)), detail=replace(CONFIG.detail, source="rollout")
+        CONFIG,
+        data=DataConfig(validation=("short",)),
+        generative=replace(CONFIG.generative, skin_reach=reach),
+        detail=replace(CONFIG.detail, source="rollout"),
     )
-    opened = open_run(config, folder / "run", data_dir=folder)
-    yield opened
-    opened.log.close()
+    run = open_run(config, folder / f"run_{reach:g}", data_dir=folder)
+    yield run
+    run.log.close()
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path):
+    """An open run on one clip, its mirror image, and one kept back; nothing is trained."""
+    yield from opened(folder, 0.0)
+
+
+@pytest.fixture(scope="module")
+def canonical(folder: Path):
+    """The same with its networks in canonical pose."""
+    yield from opened(folder, 0.1)
 
 
 def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, capsys):
     params = tiny_model().params["generative"]
     Z = true_codes(run, params)
     assert [z.shape for z in Z] == [(9, 8), (9, 8)]
-    V = frames_of(run.data.train[1], np.arange(9), run.data)[0]
+    V = frames_of(run.data.train[1], np.arange(9), run.data)
     mean = jax.jit(lambda V: encode(params, V, template=run.template, config=CONFIG.generative).mean)
     np.testing.assert_allclose(Z[1], mean(jnp.asarray(V)), atol=1e-4)
     assert "encoding the training clips" in capsys.readouterr().err
@@ -70,6 +93,35 @@ def test_validation_is_a_reconstruction_then_a_rollout_of_the_clip_kept_back(run
         errors = validate(TrainState(params[part], (), none, none))
         assert set(errors) == {"rmse_cm", "short_rmse_cm"}
         assert 0 < errors["rmse_cm"] < 1000
+
+
+def test_in_canonical_pose_validation_is_in_the_root_frame(canonical: Run):
+    model, none = canonical_model(), jnp.zeros(())
+    params = {k: model.params[k] for k in ("generative", "motion")}
+    clip, tables = canonical.data.validation[0], canonical.template
+    roll = motion_stage._validation(canonical, params["generative"])
+    rebuild = generative_stage._validation(canonical)
+    assert roll is not None
+    assert rebuild is not None
+    found = roll(TrainState(params["motion"], (), none, none))["short_rmse_cm"]
+    start = init_state(params, jnp.asarray(tables.T), config=model.config)
+    V = make_rollout(tables, canonical.config)(params, start, clip.input.x)[1]
+    assert found == pytest.approx(100 * np.sqrt(np.square(V - clip.V).sum(axis=-1).mean()), rel=1e-4)
+
+    @jax.jit
+    def rebuilt(params: dict, U: jax.Array, x: FrameInput):
+        options = {"template": tables, "config": canonical.config.generative}
+        return posed(decode(params, encode(params, U, **options).mean, **options).V, x, template=tables)
+
+    found = rebuild(TrainState(params["generative"], (), none, none))["short_rmse_cm"]
+    V = rebuilt(params["generative"], clip.U[::4], jax.tree.map(lambda leaf: leaf[::4], clip.input.x))
+    error = 100 * np.sqrt(np.square(V - clip.V[::4]).sum(axis=-1).mean())
+    assert found == pytest.approx(error, rel=1e-3)
+
+
+def test_in_canonical_pose_lanes_begin_from_the_template_itself(canonical: Run):
+    R, t = canonical.data.train[0].input.R_seed[:2], canonical.data.train[0].input.t_seed[:2]
+    np.testing.assert_array_equal(canonical.skinned(R, t), np.stack([canonical.template.T] * 2))
 
 
 def test_without_clips_kept_back_there_is_no_validation(run: Run):

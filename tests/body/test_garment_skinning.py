@@ -2,12 +2,12 @@
 
 import jax
 import numpy as np
+import pytest
 
-from garment_jax.baselines.body_skinning import closest_weights, joint_transforms
-from garment_jax.baselines.santesteban import unposed
+from garment_jax.body.garment_skinning import closest_weights, garment_weights, joint_transforms
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.geometry.skinning import skin
+from garment_jax.geometry.skinning import skin, unskin_frames
 from tests.baselines.small import MOTION
 from tests.rollout.tiny_model import SCENE
 
@@ -41,5 +41,27 @@ def test_unposing_undoes_posing() -> None:
     W = closest_weights(SCENE)
     T = SCENE.garment.template - SCENE.body.joints[0]
     posed = jax.jit(jax.vmap(skin, (None, None, 0, 0)))(T, W, R, t)
-    back = np.asarray(unposed(posed, W, R, t))
+    back = np.asarray(unskin_frames(posed, W, R, t))
     np.testing.assert_allclose(back, np.broadcast_to(T, back.shape), atol=1e-4)
+
+
+def test_a_symmetric_garments_weights_are_the_same_left_and_right():
+    W = garment_weights(SCENE, reach=0.1, mirrored=True)
+    np.testing.assert_allclose(W.sum(axis=1), 1.0, atol=1e-6)
+    names = SCENE.body.joint_names
+    left, right = names.index("LeftUpLeg"), names.index("RightUpLeg")
+    T = SCENE.garment.template
+    for i in range(0, len(T), 9):
+        partner = int(np.argmin(np.linalg.norm(T * [-1, 1, 1] - T[i], axis=1)))
+        assert W[i, left] == pytest.approx(W[partner, right], abs=1e-6)
+    plain = closest_weights(SCENE)
+    assert np.ptp(W[:, left]) < np.ptp(plain[:, left])  # smoother than the body's own
+
+
+def test_a_lopsided_garment_has_no_mirrored_weights():
+    T = SCENE.garment.template.copy()
+    T[T[:, 0] > 0] *= [1.3, 1, 1]
+    scene = SCENE._replace(garment=SCENE.garment._replace(template=T, uv=SCENE.garment.uv**2))
+    with pytest.raises(ValueError, match="not left-right symmetric"):
+        garment_weights(scene, reach=0.1, mirrored=True)
+    assert garment_weights(scene, reach=0.1, mirrored=False).shape == (len(T), len(SCENE.body.joints))
