@@ -124,7 +124,7 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
 
     def run(rotations: jax.Array):
         if subject.template.W is not None:  # a template carried by the joints is unposed the template
-            return jnp.zeros(config.motion.gru), jnp.asarray(T) + 0.0 * rotations[0, 0, 0]
+            return jnp.zeros(config.motion.gru), jnp.asarray(T)
         V = first_frame(subject.scene, subject.seeds, T, W, rotations)
         return jnp.zeros(config.motion.gru), V
 
