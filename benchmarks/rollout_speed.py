@@ -22,7 +22,7 @@ from measured import report
 
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_skinned_template
+from garment_jax.data.start import make_start
 from garment_jax.data.template import Template
 from garment_jax.motion.network import MotionCarry
 from garment_jax.rollout.animate import animate
@@ -77,8 +77,8 @@ def frame_by_frame(one: Callable, params: dict, state: MotionCarry, x: FrameInpu
 def start_of(model: Model, template: Template, scene: Scene, inputs: MotionInput, copies: int) -> MotionCarry:
     """Return the state before the first frame of `copies` motions, `[copies, ...]`."""
     _, seeds = template_for(model, scene, "the clip")
-    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
-    V = pose(np.repeat(inputs.R_seed[:1], copies, axis=0), np.repeat(inputs.t_seed[:1], copies, axis=0))
+    begin = make_start(template, seeds, model.config.body.tau)
+    V = begin(np.repeat(inputs.R_seed[:1], copies, axis=0), np.repeat(inputs.t_seed[:1], copies, axis=0))
     return init_state(model.params, V, config=model.config)
 
 

@@ -20,7 +20,7 @@ from measured import report
 
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_skinned_template
+from garment_jax.data.start import make_start
 from garment_jax.rollout import rollout_many, template_for
 from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.model import Model, facts_of, load_model
@@ -161,8 +161,8 @@ def many_motions(model: Model, clip: Clip) -> dict:
         motion_input(part(clip.motion, s, s + FRAMES), clip.scene, seeds, joints, seed_frames=1)
         for s in starts
     ]
-    pose = make_skinned_template(template.T, seeds, model.config.body.tau)
-    V_start = pose(*(np.concatenate(x) for x in zip(*((m.R_seed, m.t_seed) for m in motions), strict=True)))
+    begin = make_start(template, seeds, model.config.body.tau)
+    V_start = begin(*(np.concatenate(x) for x in zip(*((m.R_seed, m.t_seed) for m in motions), strict=True)))
     state = init_state(model.params, V_start, config=model.config)
     run = make_rollout(template, model.config, detail=False)
 

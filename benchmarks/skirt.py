@@ -19,11 +19,11 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from garment_jax.body.root_frame import heading, to_root
+from garment_jax.benchmark.methods import reconstructed
+from garment_jax.body.root_frame import to_root
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_skinned_template
-from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.model import Model, template_for
 from garment_jax.training.pipeline import trained_model
@@ -54,21 +54,9 @@ def rolled_out(model: Model, clip: Clip, **options) -> tuple[float, float]:
     return rmse_cm(np.concatenate(pieces), clip.V), 1e3 * sum(t for t, _ in later) / sum(k for _, k in later)
 
 
-def reconstructed(model: Model, clip: Clip) -> float:
-    """Return the RMSE (cm) of encoding the truth and decoding it, the means of Z."""
-    template, _ = template_for(model, clip.scene, clip.name)
-    generative, config = model.params["generative"], model.config.generative
-    yaw = heading(clip.motion.rotations[:, 0])
-    V = to_root(clip.V.astype(np.float64), clip.motion.root, yaw).astype(np.float32)
-
-    @jax.jit
-    def rebuild(V: jax.Array) -> jax.Array:
-        mean = encode(generative, V, template=template, config=config).mean
-        return decode(generative, mean, template=template, config=config).V
-
-    padded = np.concatenate([V, V[-1:].repeat(-len(V) % 32, axis=0)])
-    built = np.concatenate([rebuild(padded[i : i + 32]) for i in range(0, len(padded), 32)])
-    return rmse_cm(built[: len(V)], V)
+def through_codes(model: Model, clip: Clip) -> np.ndarray:
+    """Return the truth encoded and decoded, world."""
+    return reconstructed(model, clip.scene, clip.motion, clip.V, clip.name)
 
 
 def skinned(model: Model, clip: Clip) -> float:
@@ -104,7 +92,9 @@ def main() -> None:
         speed = float(np.median([m for _, m in results]))
         rows[name] = {"rmse_cm": [r for r, _ in results], "ms_per_frame": speed}
         print(name, rows[name], flush=True)
-    rows["auto-encoder of the truth"] = {"rmse_cm": [reconstructed(model, clip) for clip in clips]}
+    rows["auto-encoder of the truth"] = {
+        "rmse_cm": [rmse_cm(through_codes(model, clip), clip.V) for clip in clips]
+    }
     rows["skinned template"] = {"rmse_cm": [skinned(model, clip) for clip in clips]}
     names = [clip.name for clip in clips]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {jax.default_backend()}, jax {jax.__version__}"
