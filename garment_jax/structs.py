@@ -89,7 +89,7 @@ class FrameInput(NamedTuple):
     M: Any  # [d] motion features, their own units (see body/motion_features)
     turn: Any  # [3, 3] a row vector v of frame t-1's root frame is v @ turn + shift in frame t's
     shift: Any  # [3] metres
-    R: Any = None  # [j, 3, 3] joints, canonical -> posed, root frame; read where networks see canonical pose
+    R: Any = None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), canonical -> root frame
     t: Any = None  # [j, 3] metres
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from garment_jax.benchmark.files import write_json
 from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.plan import Job, Plan
-from garment_jax.body.garment_skinning import joint_transforms
+from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
@@ -86,5 +86,5 @@ def _random_frame(plan: Plan, rng: np.random.Generator, template: Template) -> n
         motion = Motion(clip.motion.rotations[t : t + 1], clip.motion.root[t : t + 1], clip.fps)
     local = to_root(V, motion.root.astype(np.float64), heading(motion.rotations[:, 0])).astype(np.float32)
     if template.W is not None:
-        local = np.asarray(unskin_frames(local, template.W, *joint_transforms(motion, scene)))
+        local = np.asarray(unskin_frames(local, template.W, *garment_transforms(motion, scene)))
     return local[0]

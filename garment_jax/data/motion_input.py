@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from garment_jax.body.garment_skinning import joint_transforms
+from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.motion_features import motion_features
 from garment_jax.body.root_frame import carry_over, heading
 from garment_jax.body.seeds import Seeds, seed_transforms
@@ -47,5 +47,5 @@ def motion_input(
     posed = Motion(motion.rotations[:seed_frames], motion.root[:seed_frames], motion.fps)
     R_seed, t_seed = seed_transforms(seeds, scene, posed, yaw[:seed_frames])
     M = motion_features(motion, scene.body, joints)
-    x = FrameInput(M, turn, shift, *joint_transforms(motion, scene))
+    x = FrameInput(M, turn, shift, *garment_transforms(motion, scene))
     return MotionInput(x, R_seed, t_seed, root, yaw)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from garment_jax.body.garment_skinning import FREE_ANGLE
 from garment_jax.body.motion_features import joint_indices
 from garment_jax.body.seeds import Seeds
 from garment_jax.structs import RiggedBody, Scene
@@ -25,7 +26,7 @@ class Frame(NamedTuple):
     M: jax.Array  # [d] motion features
     turn: jax.Array  # [3, 3]
     shift: jax.Array  # [3] metres
-    R: jax.Array  # [j, 3, 3] joints, canonical -> posed, root frame
+    R: jax.Array  # [j, 3, 3] what poses a canonical garment, canonical -> root frame
     t: jax.Array  # [j, 3] metres
     to_world: jax.Array  # [3, 3] world = V @ to_world + root
     pins: jax.Array  # [p, 3] metres, root frame; p may be 0
@@ -65,9 +66,10 @@ def frame_input(
         here @ Y,
     ]
     M = jnp.concatenate([part.reshape(-1) for part in parts])
-    R_root = (Y[None, :, :, None] * rotations[:, :, None, :]).sum(axis=1)  # Y^T R_j
+    facing = (Y[None, :, :, None] * rotations[:, :, None, :]).sum(axis=1)  # Y^T R_j
+    R_root = _turned_less(facing, np.radians(FREE_ANGLE))
     rest = (body.joints - body.joints[0]).astype(np.float32)
-    t_root = every @ Y - (R_root * rest[:, None, :]).sum(axis=-1)
+    t_root = _joints_from_root(R_root, body) - (R_root * rest[:, None, :]).sum(axis=-1)
     pins = _pins(scene, rotations, every) @ Y
     return Frame(M, _yaw_matrix(*turned), -walked @ Y, R_root, t_root, Y.T, pins)
 
@@ -127,6 +129,21 @@ def _posed(
     A = (jnp.asarray(weights) @ rotations.reshape(-1, 9)).reshape(-1, 3, 3)
     offset = joints - (rotations * body.joints[:, None, :]).sum(axis=-1)
     return A, (A * points[:, None, :]).sum(axis=-1) + weights @ offset
+
+
+def _turned_less(R: jax.Array, angle: float) -> jax.Array:
+    """Return what `garment_skinning.turned_less` does, of `[j, 3, 3]`."""
+    odd, even = 0.5 * (R - R.swapaxes(1, 2)), 0.5 * (R + R.swapaxes(1, 2))
+    cosine = (0.5 * (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0))[:, None, None]
+    square = (0.5 * (odd * odd).sum(axis=(1, 2)))[:, None, None]
+    told = square > 1e-12
+    sine = jnp.where(told, jnp.sqrt(jnp.where(told, square, 1.0)), 0.0)
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    eye, beyond = jnp.eye(3)[None], cosine < c
+    outer = (even - cosine * eye) / jnp.where(beyond, 1.0 - cosine, 1.0)
+    cross = jnp.where(told, odd / jnp.where(told, sine, 1.0), 0.0)
+    less, across = cosine * c + sine * s, sine * c - cosine * s
+    return jnp.where(beyond, less * eye + (1.0 - less) * outer + across * cross, eye)
 
 
 def _pins(scene: Scene, rotations: jax.Array, joints: jax.Array) -> jax.Array:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from garment_jax.benchmark.methods import reconstructed
-from garment_jax.body.garment_skinning import joint_transforms
+from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.model import Model
@@ -13,14 +13,14 @@ from tests.reference import skinning
 from tests.reference.scene import make_motion, make_vertices
 from tests.rollout.tiny_model import SCENE, canonical_model, template, tiny_model
 
-MOTION = make_motion(SCENE, 5)
+MOTION = make_motion(SCENE, 5, legs=1.9)
 
 
 def slowly(model: Model, V: np.ndarray) -> np.ndarray:
     """Return the same frame by frame, with the vertex-by-vertex skinning."""
     tables, config = template(model), model.config.generative
     yaw, root = heading(MOTION.rotations[:, 0]), MOTION.root.astype(np.float64)
-    R, t = joint_transforms(MOTION, SCENE)
+    R, t = garment_transforms(MOTION, SCENE)
 
     @jax.jit
     def through(U: jax.Array) -> jax.Array:

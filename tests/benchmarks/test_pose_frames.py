@@ -3,7 +3,6 @@
 import numpy as np
 
 from tests.benchmarks.scripts import script
-from tests.reference.scene import make_scene
 
 frames = script("pose_frames")
 
@@ -21,16 +20,8 @@ def test_what_is_seen_depends_on_no_later_frame():
     np.testing.assert_array_equal(frames.seen(x, 30.0)[:20], frames.seen(later, 30.0)[:20])
 
 
-def test_smoothed_weights_still_sum_to_one_and_lose_their_differences():
-    faces = make_scene(6, 12).garment.faces
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), faces.max() + 1)
-    found = frames.smoothed(weights, faces, 200)
-    np.testing.assert_allclose(found.sum(axis=1), 1.0, atol=1e-5)
-    assert found.std(axis=0).max() < 0.1 * weights.std(axis=0).min()
-
-
 def test_the_regression_finds_a_linear_map():
     rng = np.random.default_rng(0)
     x, W = rng.normal(size=(4000, 6)).astype(np.float32), rng.normal(size=(6, 3))
-    predict = frames.fitted([x[:2000], x[2000:]], [x[:2000] @ W + 5.0, x[2000:] @ W + 5.0])
+    predict = frames.regression([x[:2000], x[2000:]])([x[:2000] @ W + 5.0, x[2000:] @ W + 5.0])
     np.testing.assert_allclose(predict(x[:10]), x[:10] @ W + 5.0, atol=0.05)

@@ -3,11 +3,19 @@
 import jax
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from garment_jax.body.garment_skinning import closest_weights, garment_weights, joint_transforms
+from garment_jax.body.garment_skinning import (
+    closest_weights,
+    garment_transforms,
+    garment_weights,
+    joint_transforms,
+    turned_less,
+)
 from garment_jax.body.kinematics import pose_body
-from garment_jax.body.root_frame import heading, to_root
+from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.geometry.skinning import skin, unskin_frames
+from garment_jax.structs import Motion
 from tests.baselines.small import MOTION
 from tests.rollout.tiny_model import SCENE
 
@@ -65,3 +73,35 @@ def test_a_lopsided_garment_has_no_mirrored_weights():
     with pytest.raises(ValueError, match="not left-right symmetric"):
         garment_weights(scene, reach=0.1, mirrored=True)
     assert garment_weights(scene, reach=0.1, mirrored=False).shape == (len(T), len(SCENE.body.joints))
+
+
+@pytest.mark.parametrize("less", [0.0, 35.0, 60.0])
+def test_rotations_are_turned_less_about_their_own_axes(less: float):
+    rng = np.random.default_rng(2)
+    axes = rng.normal(size=(60, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    angles = np.radians(np.linspace(0.0, 179.0, 60))
+    made = turned_less(Rotation.from_rotvec(axes * angles[:, None]).as_matrix(), np.radians(less))
+    kept = np.maximum(angles - np.radians(less), 0.0)
+    expected = Rotation.from_rotvec(axes * kept[:, None]).as_matrix()
+    np.testing.assert_allclose(made, expected, atol=1e-7)
+
+
+def test_half_a_turn_stays_finite():
+    made = turned_less(np.stack([np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, -1.0, 1.0])]), 1.0)
+    assert np.abs(made).max() <= 1.0
+
+
+def test_without_a_free_angle_the_garments_transforms_are_the_joints():
+    for made, expected in zip(
+        garment_transforms(MOTION, SCENE, free_angle=0.0), joint_transforms(MOTION, SCENE), strict=True
+    ):
+        np.testing.assert_allclose(made, expected, atol=1e-6)
+
+
+def test_a_body_that_stands_and_faces_anywhere_carries_nothing():
+    turn = yaw_matrix(np.array(0.8))
+    still = Motion(np.tile(turn, (2, len(SCENE.body.joints), 1, 1)), np.ones((2, 3)), 30.0)
+    R, t = garment_transforms(still, SCENE)
+    np.testing.assert_array_equal(R, np.broadcast_to(np.eye(3), R.shape))
+    np.testing.assert_allclose(t, 0.0, atol=1e-7)

@@ -15,7 +15,7 @@ from tests.rollout.tiny_model import CONFIG, JOINTS, SCENE, inputs_of, seeds, te
 
 
 def turned(degrees: float) -> Motion:
-    motion = make_motion(SCENE, 12)
+    motion = make_motion(SCENE, 12, legs=1.9)
     Q = yaw_matrix(np.array(np.radians(degrees)))
     return Motion(Q @ motion.rotations, motion.root @ Q.T + [3.0, 0.0, -2.0], motion.fps)
 

@@ -13,7 +13,7 @@ from tests.rollout.tiny_model import SCENE, template
 
 W = garment_weights(SCENE, reach=0.1, mirrored=True)
 CANONICAL = template()._replace(W=W)
-R, T = joint_transforms(make_motion(SCENE, 6), SCENE)
+R, T = joint_transforms(make_motion(SCENE, 6, legs=1.9), SCENE)
 X = FrameInput(None, None, None, R, T)
 U = template().T + np.random.default_rng(1).normal(size=(6, *template().T.shape)).astype(np.float32) / 50
 

@@ -59,8 +59,10 @@ def make_scene(rings: int = 8, columns: int = 16) -> Scene:
     return Scene(garment, body, _make_collider(body), Pins(top, weights))
 
 
-def make_motion(scene: Scene, frames: int = 40, seed: int = 0, *, fps: float = 30.0) -> Motion:
-    """Return a smooth dance: the body turns and travels, sways its hips and swings its legs."""
+def make_motion(
+    scene: Scene, frames: int = 40, seed: int = 0, *, fps: float = 30.0, legs: float = 0.6
+) -> Motion:
+    """Return a smooth dance: the body turns and travels, sways its hips and swings its legs (`legs` rad)."""
     rng = np.random.default_rng(seed)
     time = np.arange(frames) / fps
     names = scene.body.joint_names
@@ -72,7 +74,7 @@ def make_motion(scene: Scene, frames: int = 40, seed: int = 0, *, fps: float = 3
 
     turn = rng.uniform(0.5, 1.5) * time + wave(0.4)
     local[:, 0] = _about("y", turn) @ _about("x", wave(0.1)) @ _about("z", wave(0.1))
-    for name, size in (("LeftUpLeg", 0.6), ("RightUpLeg", 0.6), ("Spine", 0.2)):
+    for name, size in (("LeftUpLeg", legs), ("RightUpLeg", legs), ("Spine", 0.2)):
         local[:, names.index(name)] = _about("x", wave(size)) @ _about("z", wave(size / 3))
     for name in ("LeftLeg", "RightLeg"):
         local[:, names.index(name)] = _about("x", np.abs(wave(0.8)))

@@ -24,7 +24,7 @@ FRAMES = 40
 
 @pytest.fixture(scope="module")
 def inputs():
-    return inputs_of(make_motion(SCENE, FRAMES, seed=3))
+    return inputs_of(make_motion(SCENE, FRAMES, seed=3, legs=1.9))
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_a_jump_of_the_root_leaves_the_last_frame_as_it_was(inputs, start):
 
 def test_a_clip_moved_and_turned_is_the_same_clip_and_not_the_root_frames(tmp_path):
     saved = load_model(save_model(MODEL, tmp_path / "model", bits=32))
-    here = make_motion(SCENE, 30, seed=2)
+    here = make_motion(SCENE, 30, seed=2, legs=1.9)
     turn = yaw_matrix(np.array(np.radians(137.0)))
     there = Motion(turn @ here.rotations, here.root @ turn.T + [60.0, 0.0, -80.0], here.fps)
 
@@ -76,7 +76,7 @@ def test_a_clip_moved_and_turned_is_the_same_clip_and_not_the_root_frames(tmp_pa
 
 
 def test_motions_side_by_side_are_one_by_one(inputs, start):
-    other = inputs_of(make_motion(SCENE, FRAMES, seed=5))
+    other = inputs_of(make_motion(SCENE, FRAMES, seed=5, legs=1.9))
     run = make_rollout(TABLES, MODEL.config)
     both = jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), inputs.x, other.x)
     state = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), start)
