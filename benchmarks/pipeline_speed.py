@@ -79,7 +79,9 @@ def collision_samples(case: Case, *, whole_body: bool) -> tuple[np.ndarray, floa
         carry = None
         for start in [0, *range(0, len(case.V), CHUNK)]:
             stretch = slice(start, start + CHUNK)
-            pinned, collider = (jnp.asarray(x) for x in pose_carried(carried, scene, case.motion, stretch))
+            pinned, collider = (
+                jnp.asarray(x) for x in pose_carried(carried, scene, case.motion, stretch)[:2]
+            )
             V = jnp.asarray(case.V[stretch])
             carry = first_carry(V[0], collider[0], tables) if carry is None else carry
             jax.block_until_ready((V, pinned, collider))

@@ -63,7 +63,7 @@ def depth_cm(V: np.ndarray, clip: Clip, every: int) -> float:
     free = np.setdiff1d(np.arange(V.shape[1]), carried.pins)
     depths = []
     for t in range(0, len(V), every):
-        _, collider = pose_carried(carried, scene, clip.motion, slice(t, t + 1))
+        _, collider, _ = pose_carried(carried, scene, clip.motion, slice(t, t + 1))
         local = to_root(V[t : t + 1].astype(np.float64), clip.motion.root[t : t + 1], yaw[t : t + 1])
         depths.append(
             max(

@@ -140,6 +140,7 @@ class CollisionConfig:
     eps: float = 4e-3  # metres kept from the body; at 1 mm knees show through between the vertices
     iterations: int = 20  # projected-gradient steps at most
     tolerance: float = 5e-4  # metres; movement between two searches that counts as standing still
+    limbs: bool = True  # put back on its side what a limb has passed through
 
 
 @dataclass(frozen=True)

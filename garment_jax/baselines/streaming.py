@@ -141,7 +141,7 @@ def _finisher(scene: Scene, motion: Motion, made: Stream) -> Callable[[jax.Array
 
     def finish(V: jax.Array, start: int) -> Chunk:
         frames = slice(start, min(start + len(V), len(made.root)))
-        pins, _ = pose_carried(carried, scene, motion, frames)
+        pins = pose_carried(carried, scene, motion, frames).pins
         real = len(pins)
         V = attach(V, jnp.asarray(_extended(pins, len(V))))
         placed = np.array(V[:real], np.float64)

@@ -17,6 +17,7 @@ def add(commands) -> None:
         "--eps", type=float, metavar="MM", help="distance to keep (default: as when animating)"
     )
     parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
+    parser.add_argument("--no-limbs", action="store_true", help="leave cloth that a limb has passed through")
     parser.set_defaults(run=run)
 
 
@@ -26,6 +27,7 @@ def run(options: argparse.Namespace) -> None:
 
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}
+    settings |= {"limbs": False} if options.no_limbs else {}
     report = collide_file(
         options.sequence, options.out, body=options.body, whole_body=options.whole_body, **settings
     )

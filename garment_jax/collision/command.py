@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.collision.result import MESSAGES, Outcome
 from garment_jax.collision.sequence import (
@@ -20,6 +21,7 @@ from garment_jax.collision.sequence import (
     padded,
     per_frame_columns,
 )
+from garment_jax.collision.sides import make_side_tables
 from garment_jax.collision.solid import Solid, solid_for
 from garment_jax.collision.solver import CollisionOptions
 from garment_jax.collision.tables import make_collider_tables, make_collision_tables
@@ -48,12 +50,14 @@ def collide_file(
     whole_body: bool = False,
     eps: float = CollisionConfig.eps,
     iterations: int = CollisionConfig.iterations,
+    limbs: bool = CollisionConfig.limbs,
 ) -> Report:
     """Resolve the collisions of the sequence file `path`, write the sequence file `out`, report.
 
     The collider is that of the scene, or with `whole_body` all of its body. `body` names another
     sequence file of as many frames, whose moving body takes the place of the sequence's own, or a rigged
-    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. Pinned
+    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
+    `limbs` what a limb has passed through is put back on its side first (`collision/sides.py`). Pinned
     vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
     `extra/collision_...` are added. Raises `ValueError` or `OSError` in one sentence.
     """
@@ -75,7 +79,7 @@ def collide_file(
         )
         pieces: list[FrameFigures] = []
         with writer:
-            for start, V, piece in _resolved(sequence, solid, options):
+            for start, V, piece in _resolved(sequence, solid, options, limbs):
                 writer.append(V)
                 pieces.append(piece)
                 _show(sequence, start + len(V), began)
@@ -127,7 +131,7 @@ def _kept_columns(sequence: Sequence) -> dict[str, np.ndarray]:
 
 
 def _resolved(
-    sequence: Sequence, solid: Solid, options: CollisionOptions
+    sequence: Sequence, solid: Solid, options: CollisionOptions, limbs: bool
 ) -> Iterator[tuple[int, np.ndarray, FrameFigures]]:
     """Yield `(start, V [k, n, 3] world metres, figures)` by windows, each after the last one's contacts."""
     scene, motion = solid.scene._replace(pins=None, collider=solid.collider), solid.motion
@@ -136,8 +140,10 @@ def _resolved(
     table = uniform_table(garment.faces, len(garment.template))
     tables = make_collision_tables(garment.template, table, surface)
     held = np.zeros(0, np.int32) if pins is None else pins.vertices
-    resolve = make_resolver(tables, pins=held, options=options)
-    carried = carried_points(scene, collider=True)
+    bones = limbs_of(scene.body, solid.collider) if limbs else None
+    sides = bones and make_side_tables(garment.template, garment.faces, bones, tables)
+    resolve = make_resolver(tables, pins=held, options=options, sides=sides)
+    carried = carried_points(scene, collider=True, limbs=bones)
     size, carry = min(WINDOW, sequence.frames), None
     for start, world in sequence.windows(size):
         count = len(world)
@@ -145,11 +151,11 @@ def _resolved(
         _check_finite(world, start, sequence.name)
         root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
         V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
-        collider = pose_carried(carried, scene, motion, frames)[1]
+        posed = pose_carried(carried, scene, motion, frames)
+        filled, solids, ends = (jnp.asarray(padded(x, size)) for x in (V, posed.collider, posed.bones))
         if carry is None:
-            carry = first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables)
-        filled, solids = jnp.asarray(padded(V, size)), jnp.asarray(padded(collider, size))
-        carry, resolved, figures = resolve(carry, filled, filled[:, held], solids)
+            carry = first_carry(filled[0], solids[0], tables, ends[0] if sides else None)
+        carry, resolved, figures = resolve(carry, filled, filled[:, held], solids, ends)
         moved = np.asarray(resolved)[:count]
         placed = from_root(moved.astype(np.float64), root, yaw).astype(np.float32)
         # What did not move keeps its digits: turning there and back would change the last one.

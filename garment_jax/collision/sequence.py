@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from garment_jax.collision.projection import initial_state
 from garment_jax.collision.result import CollisionState
+from garment_jax.collision.sides import SideState, SideTables, first_sides, keep_sides
 from garment_jax.collision.solver import CollisionOptions, resolve_collisions
 from garment_jax.collision.tables import CollisionTables
 
@@ -26,6 +27,7 @@ class Carry(NamedTuple):
     state: CollisionState
     correction: jax.Array  # [n, 3] metres, root frame, of the last frame
     begun: jax.Array  # [] bool: there was a last frame
+    sides: SideState | None = None  # where limbs are followed
 
 
 class FrameFigures(NamedTuple):
@@ -37,15 +39,22 @@ class FrameFigures(NamedTuple):
     penetrating_after: Any  # [k] int32
     steps: Any  # [k] int32 gradient steps
     outcome: Any  # [k] int32, an `Outcome`
+    pierced: Any  # [k] int32 bones of limbs that crossed the cloth as predicted; 0 where not followed
     pop: Any  # [k] metres, largest change of a vertex' correction since the last frame; 0 in the first
 
 
-Resolver = Callable[[Carry, jax.Array, jax.Array, jax.Array], tuple[Carry, jax.Array, FrameFigures]]
+Resolver = Callable[..., tuple[Carry, jax.Array, FrameFigures]]
 
 
-def first_carry(V: Float[Array, "n 3"], collider: Float[Array, "c 3"], tables: CollisionTables) -> Carry:
-    """Return what goes before the first frame, which has the garment `V` and the `collider` (metres)."""
-    return Carry(initial_state(V, collider, tables.surface), jnp.zeros_like(V), jnp.array(False))
+def first_carry(
+    V: Float[Array, "n 3"],
+    collider: Float[Array, "c 3"],
+    tables: CollisionTables,
+    bones: Float[Array, "q 2 3"] | None = None,
+) -> Carry:
+    """Return what goes before the first frame: garment, collider and, if followed, `bones` (metres)."""
+    sides = None if bones is None else first_sides(V, bones)
+    return Carry(initial_state(V, collider, tables.surface), jnp.zeros_like(V), jnp.array(False), sides)
 
 
 def make_resolver(
@@ -53,20 +62,33 @@ def make_resolver(
     *,
     pins: Int[np.ndarray, " p"] | None = None,
     options: CollisionOptions = CollisionOptions(),
+    sides: SideTables | None = None,
 ) -> Resolver:
-    """Return a compiled function `(carry, V [k, n, 3], pin_positions [k, p, 3], collider [k, c, 3])`.
+    """Return a compiled function `(carry, V [k, n, 3], pin_positions [k, p, 3], collider [k, c, 3], bones)`.
 
     It resolves the frames one after the other (section 3.5) and returns the carry, the garment
-    `[k, n, 3]` and the figures. Metres, root frames. One `k` compiles once: pad the last stretch.
+    `[k, n, 3]` and the figures. With `sides` also what limbs have passed through is put back first;
+    `bones` `[k, q, 2, 3]` are then theirs. Metres, root frames. One `k` compiles once: pad the last stretch.
     """
 
     @jax.jit
-    def resolve(carry: Carry, V: jax.Array, pin_positions: jax.Array, collider: jax.Array):
+    def resolve(
+        carry: Carry,
+        V: jax.Array,
+        pin_positions: jax.Array,
+        collider: jax.Array,
+        bones: jax.Array | None = None,
+    ):
         def frame(carry: Carry, inputs):
-            v, pinned, c = inputs
+            v, pinned, c, ends = inputs
             positions = None if pins is None else pinned
+            held, following, pierced = v, carry.sides, jnp.int32(0)
+            if sides is not None:
+                assert carry.sides is not None
+                free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
+                held, following, pierced = keep_sides(v, ends, free, carry.sides, sides)
             result, state = resolve_collisions(
-                v, c, carry.state, tables=tables, pins=pins, pin_positions=positions, options=options
+                held, c, carry.state, tables=tables, pins=pins, pin_positions=positions, options=options
             )
             correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
             correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
@@ -78,11 +100,12 @@ def make_resolver(
                 result.penetrating_after,
                 result.steps,
                 result.outcome,
+                pierced,
                 jnp.where(carry.begun, change, 0.0),
             )
-            return Carry(state, correction, jnp.array(True)), (result.V, figures)
+            return Carry(state, correction, jnp.array(True), following), (result.V, figures)
 
-        carry, (V, figures) = jax.lax.scan(frame, carry, (V, pin_positions, collider))
+        carry, (V, figures) = jax.lax.scan(frame, carry, (V, pin_positions, collider, bones))
         return carry, V, figures
 
     return resolve
@@ -107,5 +130,6 @@ def per_frame_columns(figures: FrameFigures) -> dict[str, np.ndarray]:
         "collision_penetrating_after": np.asarray(figures.penetrating_after),
         "collision_steps": np.asarray(figures.steps),
         "collision_outcome": np.asarray(figures.outcome),
+        "collision_pierced_bones": np.asarray(figures.pierced),
         "collision_pop_mm": _MM * np.asarray(figures.pop),
     }

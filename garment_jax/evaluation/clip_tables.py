@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.limbs import limbs_of
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift
 from garment_jax.evaluation.penetration import neighbour_faces
@@ -20,6 +21,7 @@ class Tables(NamedTuple):
     spectrum: cloth.Spectrum
     hem: np.ndarray  # [h], empty when the garment has none
     weights: np.ndarray  # [n, j] of the skinned template
+    bones: np.ndarray | None  # [q, 2] joints at the ends of the limbs' bones, None without a collider
     collider: np.ndarray | None  # [c, 3] faces across each collider edge
     body: np.ndarray | None  # [f, 3] faces across each body edge, None where the body is open
 
@@ -35,6 +37,7 @@ def make_tables(truth: Sequence, *, arms: bool) -> Tables:
         cloth.make_spectrum(garment.faces, len(garment.template)),
         _hem_or_none(truth),
         drift.skinning_weights(scene),
+        None if scene.collider is None else limbs_of(scene.body, scene.collider).joints,
         None if scene.collider is None else neighbour_faces(scene.collider.faces),
         _closed_body(truth) if arms and scene.collider is not None else None,
     )

@@ -12,7 +12,13 @@ from garment_jax.evaluation import sted
 from garment_jax.evaluation.clip_tables import Tables, make_tables
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
-from garment_jax.evaluation.per_frame import Columns, every_frame, sampled_frames, skinned_template_error
+from garment_jax.evaluation.per_frame import (
+    Columns,
+    every_frame,
+    pierced,
+    sampled_frames,
+    skinned_template_error,
+)
 from garment_jax.evaluation.summary import clip_figures
 
 WINDOW = 64  # frames read at a time
@@ -83,6 +89,7 @@ def _measure(
         inner = slice(start - low, stop - low)
         frame = every_frame(V[inner], V_star[inner], tables)
         frame |= skinned_template_error(q, V_star[inner], tables, slice(start, stop))
+        frame |= pierced(q, V[inner], V_star[inner], tables, slice(start, stop))
         temporal = sted.temporal_part(V, V_star, window_frames=window_frames).mean(axis=1)
         frame["sted_temporal"] = temporal[inner]  # one fewer at the clip's end
         sampled = sampled_frames(V[inner], V_star[inner], q, tables, start, every)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift, sted
 from garment_jax.evaluation.clip_tables import Tables
@@ -17,6 +17,7 @@ from garment_jax.evaluation.penetration import (
     pinched,
     signed_distance,
 )
+from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
 
@@ -52,6 +53,18 @@ def skinned_template_error(q: Sequence, V_star: np.ndarray, tables: Tables, fram
     posed = drift.skinned_template(q.scene, q.motion, tables.weights, frames)
     distance = vertex_distance(posed - q.motion.root[frames, None].astype(np.float64), V_star)
     return {"skinned_template_rmse_cm": np.sqrt((distance**2).mean(axis=1))}
+
+
+def pierced(q: Sequence, V: np.ndarray, V_star: np.ndarray, tables: Tables, frames: slice) -> Columns:
+    """How many bones of limbs run through the cloth, predicted and true; nothing without a collider."""
+    if tables.bones is None:
+        return {}
+    rotations, zero = q.motion.rotations[frames], np.zeros((len(V), 3))
+    bones = joint_positions(rotations, zero, q.scene.body)[:, tables.bones]
+    return {
+        f"{prefix}pierced_bones": pierced_bones(x, bones, tables.faces)
+        for prefix, x in (("", V), ("truth_", V_star))
+    }
 
 
 def sampled_frames(

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from garment_jax.evaluation.triangles import cross, dot
+from garment_jax.evaluation.triangles import crosses
 from garment_jax.geometry.topology import unique_edges
 
 
@@ -18,7 +18,7 @@ def self_intersections(V: np.ndarray, faces: np.ndarray, edges: np.ndarray | Non
     V = V.astype(np.float64)
     V = V - V.mean(axis=0)
     edge, face = _candidates(V, faces, edges)
-    crossing = _crosses(V[edges[edge]], V[faces[face]])
+    crossing = crosses(V[edges[edge]], V[faces[face]])
     return len(np.unique(edge[crossing]))
 
 
@@ -42,18 +42,3 @@ def _candidates(V: np.ndarray, faces: np.ndarray, edges: np.ndarray) -> tuple[np
         edge, face = edge[keep], face[keep]
     apart = (edges[edge][:, :, None] != faces[face][:, None, :]).all(axis=(1, 2))
     return edge[apart], face[apart]
-
-
-def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Return six times the signed volume `[k]` of tetrahedra."""
-    return dot(cross(b - a, c - a), d - a)
-
-
-def _crosses(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return whether segment i properly crosses triangle i; `[k, 2, 3]`, `[k, 3, 3]`."""
-    p, q = ends[:, 0], ends[:, 1]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    both_sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0
-    u, v, w = _volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)
-    through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
-    return both_sides & through

@@ -29,6 +29,7 @@ def clip_figures(
     figures |= _drift(error, per_frame["skinned_template_rmse_cm"])
     for prefix in ("", "truth_"):
         figures |= _contact(sampled, prefix)
+        figures[f"{prefix}pierced_percent"] = _part(per_frame, f"{prefix}pierced_bones")
         for name in ("strain_mean_percent", "strain_p99_percent"):
             figures[prefix + name] = _mean(per_frame, prefix + name)
         figures[f"{prefix}strain_max_percent"] = float(per_frame[f"{prefix}strain_max_percent"].max())
@@ -42,6 +43,11 @@ def _root_mean_square(values: np.ndarray) -> float:
 
 def _mean(columns: Columns, name: str) -> float | None:
     return float(columns[name].mean()) if name in columns and len(columns[name]) else None
+
+
+def _part(columns: Columns, name: str) -> float | None:
+    """Return the per cent of frames that have any."""
+    return 100.0 * float((columns[name] > 0).mean()) if name in columns else None
 
 
 def _ratio(value: float, truth: float) -> float | None:

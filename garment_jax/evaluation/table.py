@@ -14,6 +14,8 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("inside %", "inside_percent", ".2f"),
     ("deepest mm", "deepest_mm", ".1f"),
     ("pinched %", "pinched_percent", ".2f"),
+    ("pierced frames %", "pierced_percent", ".1f"),
+    ("of truth %", "truth_pierced_percent", ".1f"),
     ("self-int. edges", "self_intersecting_edges", ".1f"),
     ("of truth", "truth_self_intersecting_edges", ".1f"),
     ("hem height diff. cm", "hem_height_difference_cm", "+.2f"),
@@ -64,5 +66,6 @@ def _footnote(settings: dict[str, Any]) -> str:
         f"\nSTED over the {settings['sted_neighbourhood']}, window {settings['sted_window_frames']} frames, "
         f"c = {settings['sted_c']:g}. Hausdorff, inside, deepest and self-intersections on every "
         f"{settings['every']}. frame; inside = more than {settings['penetration_tolerance_mm']:g} mm deep; "
-        "pinched = those of them where the collider crosses itself.\n"
+        "pinched = those of them where the collider crosses itself; "
+        "pierced = a limb runs through the cloth.\n"
     )

@@ -1,4 +1,4 @@
-"""Closest points on single triangles, exact and batched (host, NumPy, float64).
+"""Closest points on single triangles and segments through them, exact and batched (host, NumPy, float64).
 
 Kept apart from the collision solver's traced closest point on purpose: a metric that shared its
 code could not find its faults.
@@ -77,3 +77,18 @@ def _plane_foot(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np
     inside = (square > 0) & (beta > 0) & (gamma > 0) & (beta + gamma < 1)
     height = dot(w, normal) / safe
     return points - height[:, None] * normal, inside
+
+
+def crosses(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return whether segment i properly crosses triangle i; `[k, 2, 3]`, `[k, 3, 3]`."""
+    p, q = ends[:, 0], ends[:, 1]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    both_sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0
+    u, v, w = _volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)
+    through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
+    return both_sides & through
+
+
+def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Return six times the signed volume `[k]` of tetrahedra."""
+    return dot(cross(b - a, c - a), d - a)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.limbs import limbs_of
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
@@ -131,14 +132,16 @@ def _make_finisher(
 ) -> Callable[[Motion, MotionInput], Callable[[jax.Array, slice], Chunk]]:
     """Return a function (motion, its inputs) -> (V of a padded chunk, its real frames) -> the chunk."""
     collision = collision and scene.collider is not None
-    carried = carried_points(scene, collider=collision)
+    follow = collision and model.config.collision.limbs
+    limbs = limbs_of(scene.body, scene.collider) if follow and scene.collider is not None else None
+    carried = carried_points(scene, collider=collision, limbs=limbs)
     bound = cloth_reach(scene.garment, carried.pins) if collision and out_of_reach else None
 
     @lru_cache(maxsize=1)  # compiled when the first motion needs it, and shared by all of them
     def resolver() -> Callable:
         from garment_jax.rollout.resolve import make_chunk_resolver
 
-        return make_chunk_resolver(model.config, scene, template, programs=programs, facts=facts)
+        return make_chunk_resolver(model.config, scene, template, limbs, programs=programs, facts=facts)
 
     if collision and bound is None:
         resolver()
@@ -150,14 +153,15 @@ def _make_finisher(
 
         def finish(V: jax.Array, frames: slice) -> Chunk:
             count = frames.stop - frames.start
-            pins, collider = pose_carried(carried, scene, motion, frames)
+            posed = pose_carried(carried, scene, motion, frames)
+            pins = posed.pins
             deepest, figures = np.zeros(count, np.float32), None
             # the rollout has padded the last chunk already
             V = limit(attach(V, jnp.asarray(repeated_last(pins, len(V)))))
             if bound is not None and not resolve and _leaves(bound, V, pins):
                 resolve.append(resolver()())
             if resolve:
-                V, figures = resolve[0](V, pins, collider)
+                V, figures = resolve[0](V, posed)
                 figures = jax.tree.map(lambda x: np.asarray(x)[:count], figures)
                 deepest = figures.deepest_before
             placed = np.array(np.asarray(V)[:count], np.float64)  # on the host: a device compiles each length

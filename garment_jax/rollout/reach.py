@@ -124,7 +124,7 @@ def motion_gaps(
     gaps, inside = np.full(len(scene.collider.faces), np.inf), False
     starts = [0, *range(1, len(motion.root), _FRAMES)]  # the first frame alone settles most scenes
     for start, stop in zip(starts, [*starts[1:], len(motion.root)], strict=True):
-        pins, collider = pose_carried(carried, scene, motion, slice(start, stop))
+        pins, collider, _ = pose_carried(carried, scene, motion, slice(start, stop))
         more, within = triangle_gaps(reach, pins, collider, scene.collider.faces)
         gaps, inside = np.minimum(gaps, more), inside or within
         if inside or gaps.min() < stop_below:

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.body.carried import CarriedPoses
+from garment_jax.body.limbs import Limbs
 from garment_jax.collision import CollisionOptions, make_collider_tables, make_collision_tables
 from garment_jax.collision.sequence import (
     Carry,
@@ -19,6 +21,7 @@ from garment_jax.collision.sequence import (
     padded,
     per_frame_columns,
 )
+from garment_jax.collision.sides import make_side_tables
 from garment_jax.config import Config
 from garment_jax.data.template import Template
 from garment_jax.rollout.programs import ProgramStore
@@ -26,28 +29,31 @@ from garment_jax.structs import Collider, Scene
 
 __all__ = ["ChunkResolver", "collision_columns", "make_chunk_resolver"]
 
-ChunkResolver = Callable[[jax.Array, np.ndarray, np.ndarray], tuple[jax.Array, FrameFigures]]
+ChunkResolver = Callable[[jax.Array, CarriedPoses], tuple[jax.Array, FrameFigures]]
 
 
 def make_chunk_resolver(
     config: Config,
     scene: Scene,
     template: Template,
+    limbs: Limbs | None = None,
     *,
     programs: ProgramStore | None = None,
     facts: Mapping[str, Any] = MappingProxyType({}),
 ) -> Callable[[], ChunkResolver]:
     """Return a function that begins a motion: it returns a function which resolves chunk after chunk.
 
-    That takes `V` `[k, n, 3]` of a padded chunk, and the pins and the collider at its real frames; metres,
-    root frames. It remembers contacts from chunk to chunk; all motions share one compiled program, which
-    `programs` builds meanwhile (`facts` name the scene and the configuration).
+    That takes `V` `[k, n, 3]` of a padded chunk, and what the body carries at its real frames; metres,
+    root frames. It remembers contacts from chunk to chunk, and with `limbs` the side of them that the cloth
+    is on; all motions share one compiled program, which `programs` builds meanwhile (`facts` name the scene
+    and the configuration).
     """
     assert scene.collider is not None
     settings, programs = config.collision, programs or ProgramStore(None)
     surface = make_collider_tables(scene.collider, scene.body)
     tables = make_collision_tables(template.T, template.laplacian, surface)
     options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
+    sides = None if limbs is None else make_side_tables(template.T, scene.garment.faces, limbs, tables)
     pins = None if scene.pins is None else scene.pins.vertices
     frames, n = config.rollout.chunk, len(template.T)
     c, p = (
@@ -55,20 +61,21 @@ def make_chunk_resolver(
         0 if pins is None else len(pins),
     )
     facts = {**facts, "collider": _digest(scene.collider), "pins": None if pins is None else pins.tobytes()}
+    facts["limbs"] = None if sides is None or limbs is None else _digest(limbs)
+    q = 0 if sides is None else len(sides.radius)
 
     def metres(*shape: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct((*shape, 3), np.float32)
 
-    first = programs.program(
-        "first_carry", jax.jit(lambda V, c: first_carry(V, c, tables)), (metres(n), metres(c)), facts
-    )
-    resolver = make_resolver(tables, pins=pins, options=options)
+    start = jax.jit(lambda V, c, bones: first_carry(V, c, tables, None if sides is None else bones))
+    first = programs.program("first_carry", start, (metres(n), metres(c), metres(q, 2)), facts)
+    resolver = make_resolver(tables, pins=pins, options=options, sides=sides)
     resolve = programs.after(
         first,
         lambda carry: (
             "resolve",
             resolver,
-            (carry, metres(frames, n), metres(frames, p), metres(frames, c)),
+            (carry, metres(frames, n), metres(frames, p), metres(frames, c), metres(frames, q, 2)),
             facts,
         ),
     )
@@ -76,11 +83,12 @@ def make_chunk_resolver(
     def begin() -> ChunkResolver:
         known: list[Carry] = []
 
-        def run(V: jax.Array, pin_positions: np.ndarray, collider: np.ndarray):
+        def run(V: jax.Array, posed: CarriedPoses):
+            posed = posed if q else posed._replace(bones=posed.bones[:, :0])
             if not known:
-                known.append(first(V[0], jnp.asarray(collider[0])))
+                known.append(first(V[0], jnp.asarray(posed.collider[0]), jnp.asarray(posed.bones[0])))
             # the rollout has padded the last chunk already
-            carried = (jnp.asarray(padded(x, len(V))) for x in (pin_positions, collider))
+            carried = (jnp.asarray(padded(x, len(V))) for x in posed)
             known[0], V, figures = resolve(known[0], V, *carried)
             return V, figures
 
@@ -94,5 +102,5 @@ def collision_columns(parts: list[FrameFigures]) -> dict[str, np.ndarray]:
     return per_frame_columns(join_figures(parts))
 
 
-def _digest(collider: Collider) -> str:
-    return hashlib.sha256(b"".join(np.asarray(x).tobytes() for x in collider)).hexdigest()
+def _digest(arrays: Collider | Limbs) -> str:
+    return hashlib.sha256(b"".join(np.asarray(x).tobytes() for x in arrays)).hexdigest()

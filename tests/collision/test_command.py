@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
+from garment_jax.body.limbs import limbs_of
 from garment_jax.collision import MESSAGES, Outcome, command
 from garment_jax.collision.command import Report, collide_file, summary
 from garment_jax.collision.sequence import FrameFigures
@@ -16,6 +17,7 @@ from garment_jax.evaluation.penetration import (
     neighbour_faces,
     signed_distance,
 )
+from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.structs import Collider, Scene
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
@@ -28,6 +30,7 @@ ADDED = {
     "collision_outcome",
     "collision_penetrating_after",
     "collision_penetrating_before",
+    "collision_pierced_bones",
     "collision_pop_mm",
     "collision_steps",
 }
@@ -82,12 +85,31 @@ def test_no_vertex_stays_inside_and_the_figures_say_what_was_done(thin, done):
     assert lowest(out, SCENE.collider).min() > 0.003
     with open_sequence(out) as made:
         columns = {name: made.read_extra(name, 0, FRAMES) for name in ADDED}
-    deepest = -1000 * lowest(thin, SCENE.collider)
-    np.testing.assert_allclose(columns["collision_deepest_before_mm"], deepest, atol=0.1)
     assert columns["collision_penetrating_after"].max() == 0
     np.testing.assert_allclose(columns["collision_pop_mm"], 1e3 * report.figures.pop)
     assert report.frames == FRAMES
     assert set(columns["collision_outcome"]) <= {Outcome.CONVERGED, Outcome.STEPS_SPENT}
+
+
+def test_without_limbs_the_depth_before_is_that_of_the_sequence(thin, tmp_path):
+    plain = collide_file(thin, tmp_path / "plain.h5", limbs=False)
+    deepest = -lowest(thin, SCENE.collider)
+    np.testing.assert_allclose(plain.figures.deepest_before, deepest, atol=1e-4)
+    assert not plain.figures.pierced.any()
+    assert lowest(tmp_path / "plain.h5", SCENE.collider).min() > 0.003
+
+
+def test_limbs_that_run_through_the_cloth_are_counted_and_leave_it(thin, done):
+    with open_sequence(done[0]) as made:
+        pierced = made.read_extra("collision_pierced_bones", 0, FRAMES)
+        after, motion = made.read(0, FRAMES), made.motion
+    joints = limbs_of(SCENE.body, SCENE.collider).joints
+    bones = joint_positions(motion.rotations, motion.root, SCENE.body)[:, joints]
+    faces = SCENE.garment.faces
+    np.testing.assert_array_equal(pierced, pierced_bones(thin_vertices(), bones, faces))
+    assert pierced.any()
+    begun = slice(1, None)  # the first frame is on its side by definition
+    assert (pierced_bones(after, bones, faces)[begun] <= pierced[begun]).all()
 
 
 def test_attributes_motion_extras_pins_and_what_is_far_from_the_body_are_kept(thin, done):
@@ -255,7 +277,7 @@ def test_what_is_read_is_not_overwritten(tmp_path, thin, same):
 def test_the_summary_names_what_fell_short_and_the_remedy():
     outcome = np.array([Outcome.NOTHING_TO_DO, *[Outcome.STEPS_SPENT] * 6, Outcome.STILL_INSIDE, 1])
     zero, pop = np.zeros(9), np.array([0, 0, 0, 0.0123, 0, 0, 0, 0, 0])
-    figures = FrameFigures(zero + 0.02, zero, zero + 3, zero, zero, outcome, pop)
+    figures = FrameFigures(zero + 0.02, zero, zero + 3, zero, zero, outcome, zero, pop)
     first, spent, inside = summary(Report(9, 0.5, figures))
     assert "9 frames, 18 frames/s" in first
     assert "deepest 20.00 mm before, 0.00 after" in first

@@ -1,0 +1,249 @@
+"""Cloth stays on its side of a limb: what a leg has passed through is put back before it is pushed out.
+
+A network that is late leaves a skirt where it hung while the leg kicks through it. No vertex shows that
+afterwards: pushed out of the body by the shortest way, each is outside, on the wrong side. So where a bone
+crosses the predicted cloth, every vertex' way since the last frame is followed relative to the bone. Those
+that went through the limb are kept where they came from, by a plane each, and the cloth around follows
+them: projected gradient on bending, edge lengths and distance from the prediction. Not in the paper.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from garment_jax.body.limbs import Limbs
+from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.topology import unique_edges
+
+CORE = 0.8  # part of a limb's radius within which a way counts as through it
+SPREAD = 0.13  # metres over which bending lets a displacement die away
+THICKNESS = 0.037  # metres: with edges as long, stretching costs as much as displacing a vertex by as much
+STEPS = 100  # gradient steps a frame; the next frame goes on from there
+RELEASE = 0.7  # part of the displacement that is left a frame after the last bone has left the cloth
+GONE = 1e-4  # metres of displacement below which it is dropped
+FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says nothing
+
+
+class SideTables(NamedTuple):
+    """What does not change from frame to frame (static)."""
+
+    faces: np.ndarray  # [f, 3] int32
+    radius: np.ndarray  # [q] float32 metres, of the limbs' bones
+    together: np.ndarray  # [q, q] bool: bones of one limb
+    reach: np.ndarray  # [q] float32 metres: a bone that crosses a face is so near to a vertex
+    index: np.ndarray  # [k, n] int32 one-ring, padded with the vertex itself
+    rest: np.ndarray  # [k, n] float32 metres, the template's edges; 0 where padded
+    weight: np.ndarray  # [k, n] float32 of the Laplacian
+    weight_back: np.ndarray  # [k, n]
+    total: np.ndarray  # [n] sum of a vertex' weights
+    hold: float  # weight of the distance from the prediction, beside the Laplacian's 1
+    spring: float  # weight of the edges' lengths
+    lipschitz: float  # bound of the energy's second derivative
+
+
+class SideState(NamedTuple):
+    """What one frame hands to the next."""
+
+    V: jax.Array  # [n, 3] metres, the cloth on its side
+    bones: jax.Array  # [q, 2, 3] metres
+    x: jax.Array  # [n, 3] metres, its displacement from the prediction
+    begun: jax.Array  # [] bool: there was a last frame
+
+
+def make_side_tables(
+    template: np.ndarray, faces: np.ndarray, limbs: Limbs, tables: CollisionTables
+) -> SideTables | None:
+    """Return the tables of a garment (`template` `[n, 3]` metres, `faces` `[f, 3]`); None without limbs."""
+    edges = unique_edges(np.asarray(faces))
+    if not len(limbs.radius) or not len(edges):
+        return None
+    T = np.asarray(template, np.float64)
+    length = np.linalg.norm(T[edges[:, 0]] - T[edges[:, 1]], axis=1)
+    index = np.asarray(tables.index, np.int32).T
+    rest = np.linalg.norm(T[index] - T[None], axis=-1).astype(np.float32)
+    weight, back = np.asarray(tables.weight).T, np.asarray(tables.weight_back).T
+    mean = float(length.mean())
+    hold, spring = (mean / (2 * SPREAD)) ** 4, (mean / THICKNESS) ** 2
+    ring = int((rest > 0).sum(axis=0).max())  # twice as much bounds the springs' largest eigenvalue
+    bound = float(tables.lipschitz) + hold + 2 * ring * spring
+    radius = limbs.radius.astype(np.float32)
+    reach = np.maximum(radius, np.float32(length.max()))
+    together = limbs.limb[:, None] == limbs.limb[None]
+    faces = np.asarray(faces, np.int32)
+    return SideTables(
+        faces, radius, together, reach, index, rest, weight, back, weight.sum(axis=0), hold, spring, bound
+    )
+
+
+def first_sides(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> SideState:
+    """Return what goes before the first frame, which is on its side by definition."""
+    return SideState(V, bones, jnp.zeros_like(V), jnp.array(False))
+
+
+def keep_sides(
+    V_f: Float[Array, "n 3"],
+    bones: Float[Array, "q 2 3"],
+    free: Bool[Array, " n"],
+    state: SideState,
+    tables: SideTables,
+) -> tuple[Array, SideState, Array]:
+    """Return the cloth on its side of the limbs, the state, and how many bones crossed `V_f`.
+
+    Metres, root frame; `free`: vertices that are not pinned. Without a bone through the cloth, now or just
+    before, `V_f` comes back bitwise. A frame that is not finite comes back as it is, and is forgotten.
+    """
+    finite = jnp.isfinite(V_f).all() & jnp.isfinite(bones).all()
+    P, none = V_f.T, jnp.zeros(len(tables.radius), bool)
+    near = jax.vmap(lambda bone: _from_bone(P, bone).min())(bones) < jnp.asarray(tables.reach)
+    pierced = jax.lax.cond(near.any(), lambda: near & pierced_by(P, bones, tables), lambda: none)
+    active = (jnp.asarray(tables.together) & pierced[None]).any(axis=1) & state.begun & finite
+
+    def held() -> Array:
+        return _held(P, bones, active, free, state, tables).T
+
+    def released() -> Array:
+        x = RELEASE * state.x
+        return jnp.where(jnp.abs(x).max() < GONE, 0.0, x)
+
+    x = jax.lax.cond(active.any(), held, released)
+    x = jnp.where(finite, x, 0.0)
+    V = jnp.where(x == 0, V_f, V_f + x)
+    following = SideState(V, bones, x, jnp.array(True))
+    following = jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
+    return V, following, pierced.sum().astype(jnp.int32)
+
+
+def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: SideTables) -> Bool[Array, " q"]:
+    """Return which bones properly cross a face of the cloth."""
+    faces = jnp.asarray(tables.faces)
+    a, b, c = (tuple(P[:, faces[:, k]]) for k in range(3))
+    normal = _cross(_minus(b, a), _minus(c, a))
+
+    def crossed(bone: Array) -> Array:
+        p, q = tuple(bone[0]), tuple(bone[1])
+        sides = _dot(normal, _minus(p, a)) * _dot(normal, _minus(q, a)) < 0
+        u, v, w = (_volume(p, q, *edge) for edge in ((a, b), (b, c), (c, a)))
+        through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
+        return (sides & through).any()
+
+    return jax.lax.map(crossed, bones)
+
+
+def _held(P, bones, active, free, state: SideState, tables: SideTables) -> Array:
+    """Return the displacement `[3, n]` that keeps the cloth on its side of the active bones."""
+    planes = [
+        _plane(P, state.V.T, state.bones[b], bones[b], active[b], free, float(tables.radius[b]))
+        for b in range(len(tables.radius))
+    ]
+    direction = jnp.stack([u for u, _ in planes])  # [q, 3, n], 0 where there is no plane
+    height = jnp.stack([h for _, h in planes])
+    flat = materialised(P).reshape(-1)
+    L_f = _laplacian(flat, P, tables, tables.weight)
+
+    def step(_, carry):
+        x, y, theta = carry
+        new = y - jnp.where(free[None], energy_gradient(y, P, L_f, tables), 0.0) / tables.lipschitz
+        for b in range(len(planes)):
+            new = new + jnp.maximum(height[b] - _dot(direction[b], new), 0.0)[None] * direction[b]
+        uphill = jnp.vdot(y - new, new - x) > 0  # O'Donoghue and Candes 2015
+        following = jnp.where(uphill, 1.0, (1 + jnp.sqrt(1 + 4 * theta**2)) / 2)
+        beta = jnp.where(uphill, 0.0, (theta - 1) / following)
+        return new, new + beta * (new - x), following
+
+    x = state.x.T
+    return jax.lax.fori_loop(0, STEPS, step, (x, x, jnp.ones((), x.dtype)))[0]
+
+
+def energy_gradient(
+    x: Float[Array, "3 n"], P: Float[Array, "3 n"], L_f: Float[Array, "3 n"], tables: SideTables
+) -> Float[Array, "3 n"]:
+    """Return the gradient of the energy at the displacement `x` from `P`, gathers alone.
+
+    1/2 ||Lap(P + x) - L_f||^2 + hold/2 ||x||^2 + spring/2 sum over edges (length - rest length)^2.
+    """
+    at = P + x
+    flat = materialised(at).reshape(-1)
+    r = _laplacian(flat, at, tables, tables.weight) - L_f
+    bent = _laplacian(materialised(r).reshape(-1), r, tables, tables.weight_back)
+    n = at.shape[1]
+    pulled = jnp.zeros_like(at)
+    for k in range(len(tables.index)):
+        e = at - jnp.stack([flat[jnp.asarray(tables.index[k]) + axis * n] for axis in range(3)])
+        length = jnp.sqrt(jnp.maximum(_dot(e, e), 1e-12))
+        pulled = pulled + (1 - jnp.asarray(tables.rest[k]) / length)[None] * e
+    return bent + tables.hold * x + tables.spring * pulled
+
+
+def _laplacian(flat: Array, at: Array, tables: SideTables, weight: np.ndarray) -> Array:
+    """Return sum_k w_ik (x_k - x_i) `[3, n]`; the transpose with `weight_back` has the same diagonal."""
+    n = at.shape[1]
+    out = -jnp.asarray(tables.total)[None] * at
+    for k in range(len(tables.index)):
+        around = jnp.stack([flat[jnp.asarray(tables.index[k]) + axis * n] for axis in range(3)])
+        out = out + jnp.asarray(weight[k])[None] * around
+    return out
+
+
+def _plane(P, Q, before, now, active, free, radius: float) -> tuple[Array, Array]:
+    """Return direction `[3, n]` and height `[n]` of the plane that keeps each vertex on its side of a bone.
+
+    `Q` `[3, n]`: the last frame's cloth, which is carried along with the bone. A vertex is kept if its way
+    from there to `P` comes within `CORE` of the limb. Twist about the bone is left out: it moves no vertex
+    through it. Direction and height are 0 elsewhere.
+    """
+    start, axis, old = now[0], now[1] - now[0], before[1] - before[0]
+    u, v = (a / jnp.sqrt(jnp.maximum(a @ a, 1e-12)) for a in (old, axis))
+    k, cosine = jnp.cross(u, v), u @ v
+    K = jnp.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    R = jnp.eye(3) + K + K @ K / jnp.maximum(1 + cosine, FLIP)
+    carried = R @ (Q - before[0][:, None]) + start[:, None]
+    side = carried - start[:, None]
+    side = side - (v @ side)[None] * v[:, None]
+    away = jnp.sqrt(jnp.maximum(_dot(side, side), 1e-12))
+    through = _segment_distance(carried, P, start, axis) < CORE * radius
+    kept = through & free & active & (1 + cosine > FLIP) & (away > 0.3 * radius)
+    direction = jnp.where(kept[None], side / away[None], 0.0)
+    return direction, jnp.where(kept, radius - _dot(direction, P - start[:, None]), 0.0)
+
+
+def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:
+    """Return the least distance of the segments a -> b `[3, n]` from the segment start -> start + axis."""
+    way, apart = b - a, a - start[:, None]
+    A, E = jnp.maximum(_dot(way, way), 1e-12), jnp.maximum(axis @ axis, 1e-12)
+    B, C, F = axis @ way, _dot(way, apart), axis @ apart
+    slant = A * E - B * B
+    s = jnp.where(slant > 1e-6 * A * E, (B * F - C * E) / jnp.maximum(slant, 1e-20), 0.0)
+    s = jnp.clip(s, 0.0, 1.0)
+    t = jnp.clip((B * s + F) / E, 0.0, 1.0)
+    s = jnp.clip((B * t - C) / A, 0.0, 1.0)
+    gap = apart + s[None] * way - t[None] * axis[:, None]
+    return jnp.sqrt(_dot(gap, gap))
+
+
+def _from_bone(P: Array, bone: Array) -> Array:
+    """Return the distance of the points `[3, n]` from a bone `[2, 3]`."""
+    axis = bone[1] - bone[0]
+    apart = P - bone[0][:, None]
+    t = jnp.clip(axis @ apart / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
+    gap = apart - t[None] * axis[:, None]
+    return jnp.sqrt(_dot(gap, gap))
+
+
+def _dot(u, v) -> Array:
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def _minus(u, v) -> tuple[Array, Array, Array]:
+    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+
+
+def _cross(u, v) -> tuple[Array, Array, Array]:
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+def _volume(p, q, a, b) -> Array:
+    return _dot(_cross(_minus(q, p), _minus(a, p)), _minus(b, p))

@@ -1,0 +1,169 @@
+"""A bar that moves through a hanging sheet: the cloth is taken along on the side that it was on."""
+
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.body.limbs import Limbs
+from garment_jax.collision import sides
+from garment_jax.collision.sides import SideTables, first_sides, keep_sides, make_side_tables
+from garment_jax.evaluation.piercing import pierced_bones
+from garment_jax.geometry.topology import unique_edges
+from tests.collision.cloth import sheet, tables
+
+RADIUS = 0.08
+LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([0, 0], np.int32), np.array([RADIUS, RADIUS]))
+REST, FACES = sheet(0.0)
+FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of the sheet is pinned
+
+
+@lru_cache
+def made() -> SideTables:
+    result = make_side_tables(REST, FACES, LIMBS, tables()[0])
+    assert result is not None
+    return result
+
+
+@lru_cache
+def step():
+    return jax.jit(lambda V, bones, state: keep_sides(V, bones, FREE, state, made()))
+
+
+def bar(height: float, *, tilt: float = 0.0) -> np.ndarray:
+    """Return a bone across the sheet, tilted about z, and one that goes on beyond its edge."""
+    a, b = np.array([-0.3, height - tilt, 0.1]), np.array([0.3, height + tilt, 0.1])
+    return np.stack([np.stack([a, b]), np.stack([b, b + [0.5, 0.5, 0.0]])]).astype(np.float32)
+
+
+def through(heights, tilt: float = 0.0):
+    """Return displacements, pierced counts and answers while the bar moves; the prediction stands still."""
+    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(heights[0], tilt=tilt)))
+    found = []
+    for h in heights:
+        V, state, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(h, tilt=tilt)), state)
+        found.append((np.asarray(V), int(pierced)))
+    return found
+
+
+def test_the_sheet_is_lifted_by_the_bar_that_crossed_it():
+    heights = [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2]
+    found = through(heights, tilt=0.02)
+    V, pierced = found[3]  # the tilted bar crosses the sheet in this frame alone
+    assert pierced >= 1
+    over = (np.abs(REST[:, 0]) < 0.25) & (np.abs(REST[:, 2] - 0.1) < 0.02)
+    axis = REST[over, 0] * 0.02 / 0.3
+    assert (V[over, 1] > axis + 0.9 * RADIUS).all()
+    bones = bar(0.0, tilt=0.02)
+    assert pierced_bones(REST[None], bones[None], FACES)[0] > 0
+    assert pierced_bones(V[None], bones[None], FACES)[0] == 0
+    np.testing.assert_array_equal(V[~np.asarray(FREE)], REST[~np.asarray(FREE)])
+    edges = unique_edges(FACES)
+    rest = np.linalg.norm(REST[edges[:, 0]] - REST[edges[:, 1]], axis=1)
+    strain = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) / rest - 1
+    assert np.percentile(np.abs(strain), 99) < 0.3
+
+
+def test_from_above_it_is_pushed_down():
+    found = through([0.3, 0.2, 0.1, 0.0], tilt=0.02)
+    over = (np.abs(REST[:, 0]) < 0.25) & (np.abs(REST[:, 2] - 0.1) < 0.02)
+    assert (found[-1][0][over, 1] < -0.7 * RADIUS).all()
+
+
+def test_without_a_bone_through_the_cloth_nothing_moves():
+    for V, pierced in through([-0.5, -0.4, -0.3, -0.25]):
+        assert pierced == 0
+        np.testing.assert_array_equal(V, REST)
+
+
+def test_after_the_bar_has_left_the_displacement_dies_away_and_is_dropped():
+    found = through([-0.2, -0.1, 0.0, *([-0.3] * 40)], tilt=0.02)
+    moved = [np.abs(V - REST).max() for V, _ in found]
+    assert moved[2] > 0.5 * RADIUS
+    np.testing.assert_allclose(moved[3], sides.RELEASE * moved[2], rtol=1e-3)
+    assert moved[-1] == 0
+
+
+def test_the_first_frame_has_no_side_that_it_came_from():
+    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)))
+    V, _, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), state)
+    assert int(pierced) > 0
+    np.testing.assert_array_equal(V, REST)
+
+
+def test_a_nan_is_left_alone_and_forgotten():
+    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.2)))
+    _, state, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.2)), state)
+    bad = jnp.asarray(REST).at[5, 1].set(jnp.nan)
+    V, after, _ = step()(bad, jnp.asarray(bar(0.0, tilt=0.02)), state)
+    np.testing.assert_array_equal(V, bad)
+    jax.tree.map(np.testing.assert_array_equal, after, state)
+
+
+def test_a_bone_that_turns_over_in_a_frame_and_one_without_length_give_no_nan():
+    over = bar(0.0, tilt=0.02)[:, ::-1].copy()
+    point = np.repeat(bar(0.0)[:, :1], 2, axis=1)
+    for strange in (over, point):
+        state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.1)))
+        _, state, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1)), state)
+        V, state, _ = step()(jnp.asarray(REST), jnp.asarray(strange), state)
+        assert np.isfinite(V).all()
+        V, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.01, tilt=0.02)), state)
+        assert np.isfinite(V).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_crossing_test_is_the_metric_s(seed: int):
+    rng = np.random.default_rng(seed)
+    bones = rng.uniform(-0.5, 0.5, (40, 2, 3)).astype(np.float32)
+    V = REST + rng.normal(0, 0.01, REST.shape).astype(np.float32)
+    found = np.asarray(sides.pierced_by(jnp.asarray(V.T), jnp.asarray(bones), made()))
+    expected = pierced_bones(np.repeat(V[None], 40, 0), bones[:, None], FACES) > 0
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 3, 30))
+    start, axis = rng.normal(size=(2, 3))
+    found = sides._segment_distance(*(jnp.asarray(x) for x in (a, b, start, axis)))
+    t = np.linspace(0, 1, 400)
+    on_way = a[:, :, None] + t * (b - a)[:, :, None]
+    on_bone = start[:, None] + t * axis[:, None]
+    apart = np.linalg.norm(on_way[:, :, :, None] - on_bone[:, None, None], axis=0)
+    np.testing.assert_allclose(found, apart.min(axis=(1, 2)), atol=0.01)
+
+
+def test_the_gradient_is_that_of_the_energy():
+    table, t = tables()[0], made()
+    rng = np.random.default_rng(1)
+    P = jnp.asarray(REST.T)
+    x = jnp.asarray(rng.normal(0, 0.01, P.shape).astype(np.float32))
+    edges = unique_edges(FACES)
+    rest = np.linalg.norm(REST[edges[:, 0]] - REST[edges[:, 1]], axis=1)
+
+    def laplace(V):
+        around = (V[:, jnp.asarray(table.index)] * jnp.asarray(table.weight)[None]).sum(-1)
+        return around - jnp.asarray(table.weight.sum(axis=1))[None] * V
+
+    def energy(x):
+        at = P + x
+        e = jnp.sqrt(((at[:, edges[:, 0]] - at[:, edges[:, 1]]) ** 2).sum(axis=0))
+        bent = laplace(at) - laplace(P)
+        return 0.5 * ((bent**2).sum() + t.hold * (x**2).sum() + t.spring * ((e - rest) ** 2).sum())
+
+    found = sides.energy_gradient(x, P, laplace(P), t)
+    np.testing.assert_allclose(found, jax.grad(energy)(x), atol=2e-6)
+    # no step along it is longer than the energy allows
+    for _ in range(5):
+        d = rng.normal(size=x.shape).astype(np.float32)
+        d = jnp.asarray(d / np.linalg.norm(d))
+        second = jax.jvp(jax.grad(energy), (jnp.zeros_like(x),), (d,))[1]
+        assert jnp.linalg.norm(second) <= t.lipschitz
+
+
+def test_a_body_without_limbs_needs_no_tables():
+    none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0, np.int32), np.zeros(0))
+    assert make_side_tables(REST, FACES, none, tables()[0]) is None
