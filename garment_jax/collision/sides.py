@@ -34,7 +34,7 @@ class SideTables(NamedTuple):
     faces: np.ndarray  # [f, 3] int32
     radius: np.ndarray  # [q] float32 metres, of the limbs' bones
     together: np.ndarray  # [q, q] bool: bones of one limb
-    reach: np.ndarray  # [q] float32 metres: a bone that crosses a face is so near to a vertex
+    reach: float  # metres, the longest edge: a bone that crosses a face is so near to a vertex
     index: np.ndarray  # [k, n] int32 one-ring, padded with the vertex itself
     rest: np.ndarray  # [k, n] float32 metres, the template's edges; 0 where padded
     weight: np.ndarray  # [k, n] float32 of the Laplacian
@@ -71,7 +71,7 @@ def make_side_tables(
     ring = int((rest > 0).sum(axis=0).max())  # twice as much bounds the springs' largest eigenvalue
     bound = float(tables.lipschitz) + hold + 2 * ring * spring
     radius = limbs.radius.astype(np.float32)
-    reach = np.maximum(radius, np.float32(length.max()))
+    reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
     together = limbs.limb[:, None] == limbs.limb[None]
     faces = np.asarray(faces, np.int32)
     return SideTables(
@@ -98,7 +98,7 @@ def keep_sides(
     """
     finite = jnp.isfinite(V_f).all() & jnp.isfinite(bones).all()
     P, none = V_f.T, jnp.zeros(len(tables.radius), bool)
-    near = jax.vmap(lambda bone: _from_bone(P, bone).min())(bones) < jnp.asarray(tables.reach)
+    near = jax.vmap(lambda bone: _from_bone(P, bone).min())(bones) < tables.reach
     pierced = jax.lax.cond(near.any(), lambda: near & pierced_by(P, bones, tables), lambda: none)
     active = (jnp.asarray(tables.together) & pierced[None]).any(axis=1) & state.begun & finite
 

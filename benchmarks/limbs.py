@@ -1,0 +1,102 @@
+"""What putting cloth back on its side of a limb does and costs, on rollouts made without collision handling.
+
+    python infer.py models/skirt --motion CLIP.h5 --no-collision --out raw/CLIP.h5
+    python benchmarks/limbs.py raw data/skirt/test [--json FILE]
+
+Each clip's error before and after (collision handling follows, and is not part of this); the frames in which a
+bone runs through the cloth, beside the truth's; and milliseconds a frame of one compiled call: "apart" where no
+vertex is near a bone, "near" where the bones had to be tried, "pierced" where one was through.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from measured import report
+
+from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.limbs import limbs_of
+from garment_jax.body.root_frame import heading, to_root
+from garment_jax.collision import make_collider_tables, make_collision_tables
+from garment_jax.collision.sides import first_sides, keep_sides, make_side_tables
+from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.evaluation.piercing import pierced_bones
+from garment_jax.evaluation.rmse import rmse
+from garment_jax.geometry.laplacian import uniform_table
+
+
+def rooted(clip: Sequence) -> np.ndarray:
+    """Return a clip's vertices `[t, n, 3]` in its root frames, metres."""
+    yaw = heading(clip.motion.rotations[:, 0])
+    V = to_root(clip.read(0, clip.frames).astype(np.float64), clip.motion.root.astype(np.float64), yaw)
+    return V.astype(np.float32)
+
+
+def measure(path: Path, truth: Path) -> dict[str, Any]:
+    """Return one clip's row."""
+    with open_sequence(path) as clip, open_sequence(truth) as true:
+        scene, motion, name, V, V_star = clip.scene, clip.motion, clip.name, rooted(clip), rooted(true)
+    assert scene.collider is not None
+    assert scene.pins is not None
+    T, faces = scene.garment.template, scene.garment.faces
+    limbs = limbs_of(scene.body, scene.collider)
+    tables = make_collision_tables(
+        T, uniform_table(faces, len(T)), make_collider_tables(scene.collider, scene.body)
+    )
+    sides = make_side_tables(T, faces, limbs, tables)
+    assert sides is not None
+    carried = carried_points(scene, collider=False, limbs=limbs)
+    bones = pose_carried(carried, scene, motion, slice(0, len(V))).bones
+    free = jnp.ones(len(T), bool).at[scene.pins.vertices].set(False)
+    step = jax.jit(lambda v, b, state: keep_sides(v, b, free, state, sides))
+    state = first_sides(jnp.asarray(V[0]), jnp.asarray(bones[0]))
+    jax.block_until_ready(step(jnp.asarray(V[0]), jnp.asarray(bones[0]), state))
+    wall, pierced, kept = np.zeros(len(V)), np.zeros(len(V), int), np.zeros_like(V)
+    for t in range(len(V)):
+        v, b = jax.block_until_ready((jnp.asarray(V[t]), jnp.asarray(bones[t])))
+        began = time.perf_counter()
+        out, state, count = jax.block_until_ready(step(v, b, state))
+        wall[t], pierced[t], kept[t] = 1e3 * (time.perf_counter() - began), int(count), np.asarray(out)
+    near = np.array([_least_distance(v, b) < sides.reach for v, b in zip(V, bones, strict=True)])
+    through = pierced > 0
+    return {
+        "clip": name,
+        "rmse_cm": rmse(V, V_star),
+        "after_cm": rmse(kept, V_star),
+        "pierced_%": 100 * float(through.mean()),
+        "pierced_after_%": 100 * float((pierced_bones(kept, bones, faces) > 0).mean()),
+        "truth_%": 100 * float((pierced_bones(V_star, bones, faces) > 0).mean()),
+        "ms_apart": _median(wall[~near]),
+        "ms_near": _median(wall[near & ~through]),
+        "ms_pierced": _median(wall[through]),
+    }
+
+
+def _least_distance(v: np.ndarray, bones: np.ndarray) -> float:
+    axis = bones[:, 1] - bones[:, 0]
+    apart = v[None] - bones[:, None, 0]
+    along = np.clip((apart * axis[:, None]).sum(-1) / (axis**2).sum(-1)[:, None], 0, 1)
+    return float(np.linalg.norm(apart - along[..., None] * axis[:, None], axis=-1).min())
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rollouts", type=Path, help="folder of rollouts")
+    parser.add_argument("truth", type=Path, help="folder of the same clips, simulated")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    clips = sorted(options.rollouts.glob("*.h5"))
+    rows = [measure(path, options.truth / path.name) for path in clips]
+    report(rows, title="cloth put back on its side of the limbs", facts={}, json_path=options.json)
+
+
+if __name__ == "__main__":
+    main()
