@@ -3,9 +3,9 @@
     python infer.py models/skirt --motion CLIP.h5 --no-collision --out raw/CLIP.h5
     python benchmarks/limbs.py raw data/skirt/test [--json FILE]
 
-Each clip's error before and after (collision handling follows, and is not part of this); the frames in which
-a bone runs through the cloth, beside the truth's; and milliseconds a frame of one compiled call: "apart" where
-no vertex is near a bone, "near" where the bones had to be tried, "pierced" where one was through.
+Each clip's error before and after (collision handling follows, and is not part of this); the frames in
+which a bone runs through the cloth, beside the truth's; and milliseconds a frame of one compiled call:
+"apart" where no vertex is near a bone, "near" where bones had to be tried, "pierced" where one was through.
 """
 
 import argparse
