@@ -12,9 +12,9 @@ from garment_jax.baselines import METHODS, Runner, Stream
 from garment_jax.benchmark.settings import OURS, Row
 from garment_jax.benchmark.sharing import share_stages
 from garment_jax.body.root_frame import from_root, to_root
-from garment_jax.collision.sequence import padded
 from garment_jax.config import Config
 from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.lanes import repeated_last
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.generative.canonical import posed, unposed
 from garment_jax.generative.network import decode, encode
@@ -143,7 +143,7 @@ def reconstructed(model: Model, scene: Scene, motion: Motion, V: np.ndarray, nam
         return posed(decode(params, mean, template=template, config=config).V, x, template=template)
 
     def piece(first: int) -> jax.Array:
-        few = (padded(leaf[first : first + BATCH], BATCH) for leaf in (local, *inputs.x))
+        few = (repeated_last(leaf[first : first + BATCH], BATCH) for leaf in (local, *inputs.x))
         V, *x = map(jnp.asarray, few)
         return rebuild(V, FrameInput(*x))
 

@@ -18,7 +18,6 @@ from garment_jax.collision.sequence import (
     first_carry,
     join_figures,
     make_resolver,
-    padded,
     per_frame_columns,
 )
 from garment_jax.collision.sides import make_side_tables
@@ -26,6 +25,7 @@ from garment_jax.collision.solid import Solid, solid_for
 from garment_jax.collision.solver import CollisionOptions
 from garment_jax.collision.tables import make_collider_tables, make_collision_tables
 from garment_jax.config import CollisionConfig
+from garment_jax.data.lanes import repeated_last
 from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
 from garment_jax.data.validation import check_input
 from garment_jax.geometry.laplacian import uniform_table
@@ -152,7 +152,7 @@ def _resolved(
         root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
         V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
         posed = pose_carried(carried, scene, motion, frames)
-        filled, solids, ends = (jnp.asarray(padded(x, size)) for x in (V, posed.collider, posed.bones))
+        filled, solids, ends = (jnp.asarray(repeated_last(x, size)) for x in (V, posed.collider, posed.bones))
         if carry is None:
             carry = first_carry(filled[0], solids[0], tables, ends[0] if sides else None)
         carry, resolved, figures = resolve(carry, filled, filled[:, held], solids, ends)

@@ -111,11 +111,6 @@ def make_resolver(
     return resolve
 
 
-def padded(frames: np.ndarray, length: int) -> np.ndarray:
-    """Return `frames` `[k, ...]` with the last one repeated up to `length`: one compiled program."""
-    return np.concatenate([frames, np.repeat(frames[-1:], length - len(frames), axis=0)])
-
-
 def join_figures(parts: list[FrameFigures]) -> FrameFigures:
     """Return the figures of consecutive stretches as those of one, on the host."""
     return FrameFigures(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

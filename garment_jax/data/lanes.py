@@ -98,3 +98,8 @@ def frame_weights(lanes: LaneWindow, window: int, grace: int) -> np.ndarray:
     began = lanes.start - lanes.age
     unknowable = ~lanes.true_start & (began > 0)
     return np.where(unknowable, ramp, 1.0).astype(np.float32)
+
+
+def repeated_last(frames: np.ndarray, length: int) -> np.ndarray:
+    """Return `frames` `[k, ...]` with the last one repeated up to `length`: one compiled program."""
+    return np.concatenate([frames, np.repeat(frames[-1:], length - len(frames), axis=0)])

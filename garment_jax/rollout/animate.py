@@ -18,6 +18,7 @@ from garment_jax.body.motion_features import chosen_joints, feature_names, motio
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import from_root
 from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.lanes import repeated_last
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.data.start import make_start
@@ -25,7 +26,6 @@ from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.attachment import make_attachment
-from garment_jax.rollout.clips import repeated_last
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.programs import ProgramStore

@@ -29,11 +29,6 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
     return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
 
 
-def repeated_last(frames: np.ndarray, length: int) -> np.ndarray:
-    """Return `frames` `[k, ...]` with the last one repeated up to `length`: one compiled program."""
-    return np.concatenate([frames, np.repeat(frames[-1:], length - len(frames), axis=0)])
-
-
 def rollout_chunks(
     run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
     params: dict,

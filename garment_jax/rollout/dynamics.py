@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.config import Config
+from garment_jax.data.lanes import repeated_last
 from garment_jax.data.template import Template
 from garment_jax.dynamics.network import DynamicsCarry, at_rest, dynamics_step
 from garment_jax.dynamics.pose import BodyFrame, still
 from garment_jax.dynamics.tables import DynamicsTables
 from garment_jax.motion.network import held_back
-from garment_jax.rollout.clips import repeated_last
 from garment_jax.structs import FrameInput
 
 SETTLING = 30  # frames for which the body waits in its first pose: the skinned template falls into folds

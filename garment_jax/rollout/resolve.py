@@ -18,11 +18,11 @@ from garment_jax.collision.sequence import (
     first_carry,
     join_figures,
     make_resolver,
-    padded,
     per_frame_columns,
 )
 from garment_jax.collision.sides import make_side_tables
 from garment_jax.config import Config
+from garment_jax.data.lanes import repeated_last
 from garment_jax.data.template import Template
 from garment_jax.rollout.programs import ProgramStore
 from garment_jax.structs import Collider, Scene
@@ -88,7 +88,7 @@ def make_chunk_resolver(
             if not known:
                 known.append(first(V[0], jnp.asarray(posed.collider[0]), jnp.asarray(posed.bones[0])))
             # the rollout has padded the last chunk already
-            carried = (jnp.asarray(padded(x, len(V))) for x in posed)
+            carried = (jnp.asarray(repeated_last(x, len(V))) for x in posed)
             known[0], V, figures = resolve(known[0], V, *carried)
             return V, figures
 

@@ -12,9 +12,9 @@ from garment_jax.collision.sequence import (
     first_carry,
     join_figures,
     make_resolver,
-    padded,
     per_frame_columns,
 )
+from garment_jax.data.lanes import repeated_last
 from tests.collision.cloth import sheet, tables
 
 PINS = np.array([0, 23, 552, 575], np.int32)
@@ -46,7 +46,7 @@ def resolve_all(V: np.ndarray, pins: np.ndarray, collider: np.ndarray) -> tuple[
     parts, figures, carry = [], [], start()
     for first in range(0, len(V), STRETCH):
         piece = [x[first : first + STRETCH] for x in (V, pins, collider)]
-        carry, out, more = resolver()(carry, *(jnp.asarray(padded(x, STRETCH)) for x in piece))
+        carry, out, more = resolver()(carry, *(jnp.asarray(repeated_last(x, STRETCH)) for x in piece))
         count = len(piece[0])
         parts.append(np.asarray(out)[:count])
         figures.append(FrameFigures(*(np.asarray(x)[:count] for x in more)))
