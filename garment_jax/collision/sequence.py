@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from garment_jax.collision.projection import initial_state
 from garment_jax.collision.result import CollisionState
-from garment_jax.collision.sides import SideState, SideTables, first_sides, keep_sides
+from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
 from garment_jax.collision.solver import CollisionOptions, resolve_collisions
 from garment_jax.collision.tables import CollisionTables
 
@@ -92,6 +92,8 @@ def make_resolver(
             )
             correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
             correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
+            if following is not None:
+                following = after_collisions(following, result.V, correction)
             change = jnp.sqrt(((correction - carry.correction) ** 2).sum(axis=-1).max())
             figures = FrameFigures(
                 result.deepest_before,

@@ -117,6 +117,16 @@ def keep_sides(
     return V, following, pierced.sum().astype(jnp.int32)
 
 
+def after_collisions(state: SideState, V: Float[Array, "n 3"], correction: Float[Array, "n 3"]) -> SideState:
+    """Return the state with the cloth as it came out of the body, where it is displaced at all (metres).
+
+    `correction`: all of the displacement from the prediction. Without this a leg that is held up lets the
+    cloth sink into the trunk, step by step, of which the energy knows nothing.
+    """
+    moved = state.x.any() & jnp.isfinite(V).all()
+    return state._replace(V=jnp.where(moved, V, state.V), x=jnp.where(moved, correction, state.x))
+
+
 def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: SideTables) -> Bool[Array, " q"]:
     """Return which bones properly cross a face of the cloth."""
     faces = jnp.asarray(tables.faces)

@@ -167,3 +167,17 @@ def test_the_gradient_is_that_of_the_energy():
 def test_a_body_without_limbs_needs_no_tables():
     none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0, np.int32), np.zeros(0))
     assert make_side_tables(REST, FACES, none, tables()[0]) is None
+
+
+def test_the_next_frame_goes_on_from_what_came_out_of_the_body():
+    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)))
+    _, still, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)), state)
+    out = jnp.asarray(REST) + 0.01
+    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(still, out, out - REST), still)
+    _, moved, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), still)
+    after = sides.after_collisions(moved, out, out - REST)
+    np.testing.assert_array_equal(after.V, out)
+    np.testing.assert_array_equal(after.x, out - REST)
+    np.testing.assert_array_equal(after.bones, moved.bones)
+    bad = out.at[3].set(jnp.nan)
+    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(moved, bad, bad - REST), moved)
