@@ -16,7 +16,6 @@ class Limbs(NamedTuple):
     """The bones of a body's limbs, those inside its collider (static)."""
 
     joints: np.ndarray  # [q, 2] int32 the joints at a bone's ends, from the trunk outward
-    limb: np.ndarray  # [q] int32 which limb each belongs to
     radius: np.ndarray  # [q] metres: median distance of the surface from the bone
 
 
@@ -31,7 +30,7 @@ def limbs_of(body: RiggedBody, collider: Collider) -> Limbs:
     inside = winding_number(joints, surface, collider.faces) > 0.5
     trunk = _trunk(joints, parents)
     weights = body.skin_weights[collider.body_vertices]
-    found: list[tuple[int, int, int, float]] = []
+    found: list[tuple[int, int, float]] = []
     for j in range(1, len(joints)):
         p = int(parents[j])
         if trunk[p] or not (inside[p] and inside[j]):
@@ -39,12 +38,11 @@ def limbs_of(body: RiggedBody, collider: Collider) -> Limbs:
         around = surface[: len(weights)][weights[:, p] > 0.5]
         radius = _radius(around, joints[p], joints[j])
         if radius is not None:
-            found.append((p, j, _first_off(p, parents, trunk), radius))
+            found.append((p, j, radius))
     if not found:
-        return Limbs(np.zeros((0, 2), np.int32), np.zeros(0, np.int32), np.zeros(0))
-    starts, ends, limb, radius = zip(*found, strict=True)
-    number = np.unique(limb, return_inverse=True)[1].astype(np.int32)
-    return Limbs(np.stack([starts, ends], axis=1).astype(np.int32), number, np.array(radius))
+        return Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
+    starts, ends, radius = zip(*found, strict=True)
+    return Limbs(np.stack([starts, ends], axis=1).astype(np.int32), np.array(radius))
 
 
 def _trunk(joints: np.ndarray, parents: np.ndarray) -> np.ndarray:
@@ -59,12 +57,6 @@ def _trunk(joints: np.ndarray, parents: np.ndarray) -> np.ndarray:
     for j in range(n - 1, 0, -1):
         trunk[parents[j]] |= trunk[j]
     return trunk
-
-
-def _first_off(joint: int, parents: np.ndarray, trunk: np.ndarray) -> int:
-    while parents[joint] >= 0 and not trunk[parents[joint]]:
-        joint = int(parents[joint])
-    return joint
 
 
 def _radius(around: np.ndarray, a: np.ndarray, b: np.ndarray) -> float | None:

@@ -33,7 +33,6 @@ class SideTables(NamedTuple):
 
     faces: np.ndarray  # [f, 3] int32
     radius: np.ndarray  # [q] float32 metres, of the limbs' bones
-    together: np.ndarray  # [q, q] bool: bones of one limb
     reach: float  # metres, the longest edge: a bone that crosses a face is so near to a vertex
     index: np.ndarray  # [k, n] int32 one-ring, padded with the vertex itself
     rest: np.ndarray  # [k, n] float32 metres, the template's edges; 0 where padded
@@ -72,10 +71,9 @@ def make_side_tables(
     bound = float(tables.lipschitz) + hold + 2 * ring * spring
     radius = limbs.radius.astype(np.float32)
     reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
-    together = limbs.limb[:, None] == limbs.limb[None]
     faces = np.asarray(faces, np.int32)
     return SideTables(
-        faces, radius, together, reach, index, rest, weight, back, weight.sum(axis=0), hold, spring, bound
+        faces, radius, reach, index, rest, weight, back, weight.sum(axis=0), hold, spring, bound
     )
 
 
@@ -100,16 +98,16 @@ def keep_sides(
     P, none = V_f.T, jnp.zeros(len(tables.radius), bool)
     near = jax.vmap(lambda bone: _from_bone(P, bone).min())(bones) < tables.reach
     pierced = jax.lax.cond(near.any(), lambda: near & pierced_by(P, bones, tables), lambda: none)
-    active = (jnp.asarray(tables.together) & pierced[None]).any(axis=1) & state.begun & finite
+    active = pierced.any() & state.begun & finite
 
     def held() -> Array:
-        return _held(P, bones, active, free, state, tables).T
+        return _held(P, bones, free, state, tables).T
 
     def released() -> Array:
         x = RELEASE * state.x
         return jnp.where(jnp.abs(x).max() < GONE, 0.0, x)
 
-    x = jax.lax.cond(active.any(), held, released)
+    x = jax.lax.cond(active, held, released)
     x = jnp.where(finite, x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
     following = SideState(V, bones, x, jnp.array(True))
@@ -143,10 +141,14 @@ def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: Sid
     return jax.lax.map(crossed, bones)
 
 
-def _held(P, bones, active, free, state: SideState, tables: SideTables) -> Array:
-    """Return the displacement `[3, n]` that keeps the cloth on its side of the active bones."""
+def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
+    """Return the displacement `[3, n]` that keeps the cloth on its side of all bones.
+
+    Of those too that the prediction keeps clear of: the displaced cloth may meet them.
+    """
+    ends = (P, P + state.x.T)
     planes = [
-        _plane(P, state.V.T, state.bones[b], bones[b], active[b], free, float(tables.radius[b]))
+        _plane(ends, state.V.T, state.bones[b], bones[b], free, float(tables.radius[b]))
         for b in range(len(tables.radius))
     ]
     direction = jnp.stack([u for u, _ in planes])  # [q, 3, n], 0 where there is no plane
@@ -198,11 +200,12 @@ def _laplacian(flat: Array, at: Array, tables: SideTables, weight: np.ndarray) -
     return out
 
 
-def _plane(P, Q, before, now, active, free, radius: float) -> tuple[Array, Array]:
+def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     """Return direction `[3, n]` and height `[n]` of the plane that keeps each vertex on its side of a bone.
 
     `Q` `[3, n]`: the last frame's cloth, which is carried along with the bone. A vertex is kept if its way
-    from there to `P` comes within `CORE` of the limb. Twist about the bone is left out: it moves no vertex
+    from there to one of the `ends` (the prediction, and that with the last displacement) comes within `CORE`
+    of the limb. The height is above the prediction. Twist about the bone is left out: it moves no vertex
     through it. Direction and height are 0 elsewhere.
     """
     start, axis, old = now[0], now[1] - now[0], before[1] - before[0]
@@ -214,10 +217,10 @@ def _plane(P, Q, before, now, active, free, radius: float) -> tuple[Array, Array
     side = carried - start[:, None]
     side = side - (v @ side)[None] * v[:, None]
     away = jnp.sqrt(jnp.maximum(_dot(side, side), 1e-12))
-    through = _segment_distance(carried, P, start, axis) < CORE * radius
-    kept = through & free & active & (1 + cosine > FLIP) & (away > 0.3 * radius)
+    nearest = jnp.minimum(*(_segment_distance(carried, end, start, axis) for end in ends))
+    kept = (nearest < CORE * radius) & free & (1 + cosine > FLIP) & (away > 0.3 * radius)
     direction = jnp.where(kept[None], side / away[None], 0.0)
-    return direction, jnp.where(kept, radius - _dot(direction, P - start[:, None]), 0.0)
+    return direction, jnp.where(kept, radius - _dot(direction, ends[0] - start[:, None]), 0.0)
 
 
 def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:

@@ -21,8 +21,7 @@ def test_legs_are_limbs_and_the_trunk_is_not():
     assert ("LeftUpLeg", "LeftLeg") in found
     assert ("RightUpLeg", "RightLeg") in found
     assert not any(name in ("Hips", "LowerBack", "Spine", "Spine1") for name, _ in found)
-    legs = {NAMES[a][:4]: number for (a, _), number in zip(limbs.joints, limbs.limb, strict=True)}
-    assert len(set(limbs.limb.tolist())) == 2 == len(legs)
+    assert {a for a, _ in found} <= {name for name in NAMES if "Leg" in name or "Foot" in name}
 
 
 def test_a_radius_is_the_distance_of_the_surface_from_the_bone():
@@ -63,4 +62,4 @@ def test_a_collider_without_limbs_has_none():
     far = body._replace(vertices=np.concatenate([box, body.vertices[8:]]))
     limbs = limbs_of(far, away)
     assert limbs.joints.shape == (0, 2)
-    assert len(limbs.radius) == len(limbs.limb) == 0
+    assert len(limbs.radius) == 0

@@ -15,7 +15,7 @@ from garment_jax.geometry.topology import unique_edges
 from tests.collision.cloth import sheet, tables
 
 RADIUS = 0.08
-LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([0, 0], np.int32), np.array([RADIUS, RADIUS]))
+LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([RADIUS, RADIUS]))
 REST, FACES = sheet(0.0)
 FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of the sheet is pinned
 
@@ -165,7 +165,7 @@ def test_the_gradient_is_that_of_the_energy():
 
 
 def test_a_body_without_limbs_needs_no_tables():
-    none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0, np.int32), np.zeros(0))
+    none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
     assert make_side_tables(REST, FACES, none, tables()[0]) is None
 
 
