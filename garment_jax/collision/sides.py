@@ -25,7 +25,7 @@ THICKNESS = 0.037  # metres: with edges as long, stretching costs as much as dis
 STEPS = 100  # gradient steps a frame; the next frame goes on from there
 RELEASE = 0.7  # part of the displacement that is left a frame after the last bone has left the cloth
 GONE = 1e-4  # metres of displacement below which it is dropped
-JUMP = 0.0  # cosine of a bone's turn in a frame below which no way says anything, and all is forgotten
+FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says nothing
 
 
 class SideTables(NamedTuple):
@@ -92,15 +92,13 @@ def keep_sides(
     """Return the cloth on its side of the limbs, the state, and how many bones crossed `V_f`.
 
     Metres, root frame; `free`: vertices that are not pinned. Without a bone through the cloth, now or just
-    before, `V_f` comes back bitwise; so it does where a bone jumps (`JUMP`). A frame that is not finite comes
-    back as it is, and is forgotten.
+    before, `V_f` comes back bitwise. A frame that is not finite comes back as it is, and is forgotten.
     """
     finite = jnp.isfinite(V_f).all() & jnp.isfinite(bones).all()
     P, none = V_f.T, jnp.zeros(len(tables.radius), bool)
     near = jax.vmap(lambda bone: _from_bone(P, bone).min())(bones) < tables.reach
     pierced = jax.lax.cond(near.any(), lambda: near & pierced_by(P, bones, tables), lambda: none)
-    jumped = _turns(state.bones, bones).min() < JUMP
-    active = pierced.any() & state.begun & finite & ~jumped
+    active = pierced.any() & state.begun & finite
 
     def held() -> Array:
         return _held(P, bones, free, state, tables).T
@@ -110,7 +108,7 @@ def keep_sides(
         return jnp.where(jnp.abs(x).max() < GONE, 0.0, x)
 
     x = jax.lax.cond(active, held, released)
-    x = jnp.where(finite & ~jumped, x, 0.0)
+    x = jnp.where(finite, x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
     following = SideState(V, bones, x, jnp.array(True))
     following = jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
@@ -214,22 +212,15 @@ def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     u, v = (a / jnp.sqrt(jnp.maximum(a @ a, 1e-12)) for a in (old, axis))
     k, cosine = jnp.cross(u, v), u @ v
     K = jnp.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    R = jnp.eye(3) + K + K @ K / jnp.maximum(1 + cosine, 1.0)
+    R = jnp.eye(3) + K + K @ K / jnp.maximum(1 + cosine, FLIP)
     carried = R @ (Q - before[0][:, None]) + start[:, None]
     side = carried - start[:, None]
     side = side - (v @ side)[None] * v[:, None]
     away = jnp.sqrt(jnp.maximum(_dot(side, side), 1e-12))
     nearest = jnp.minimum(*(_segment_distance(carried, end, start, axis) for end in ends))
-    kept = (nearest < CORE * radius) & free & (away > 0.3 * radius)
+    kept = (nearest < CORE * radius) & free & (1 + cosine > FLIP) & (away > 0.3 * radius)
     direction = jnp.where(kept[None], side / away[None], 0.0)
     return direction, jnp.where(kept, radius - _dot(direction, ends[0] - start[:, None]), 0.0)
-
-
-def _turns(before: Float[Array, "q 2 3"], now: Float[Array, "q 2 3"]) -> Array:
-    """Return the cosines of the bones' turns `[q]`; 0 for a bone without length."""
-    a, b = before[:, 1] - before[:, 0], now[:, 1] - now[:, 0]
-    length = jnp.sqrt((a * a).sum(axis=1) * (b * b).sum(axis=1))
-    return (a * b).sum(axis=1) / jnp.maximum(length, 1e-12)
 
 
 def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:
