@@ -93,7 +93,7 @@ def make_resolver(
             correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
             correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
             if following is not None:
-                following = after_collisions(following, result.V, correction)
+                following = after_collisions(following, result.V, correction, pierced > 0)
             change = jnp.sqrt(((correction - carry.correction) ** 2).sum(axis=-1).max())
             figures = FrameFigures(
                 result.deepest_before,

@@ -115,13 +115,16 @@ def keep_sides(
     return V, following, pierced.sum().astype(jnp.int32)
 
 
-def after_collisions(state: SideState, V: Float[Array, "n 3"], correction: Float[Array, "n 3"]) -> SideState:
-    """Return the state with the cloth as it came out of the body, where it is displaced at all (metres).
+def after_collisions(
+    state: SideState, V: Float[Array, "n 3"], correction: Float[Array, "n 3"], held: Bool[Array, ""]
+) -> SideState:
+    """Return the state with the cloth as it came out of the body, if it was `held` in this frame (metres).
 
     `correction`: all of the displacement from the prediction. Without this a leg that is held up lets the
-    cloth sink into the trunk, step by step, of which the energy knows nothing.
+    cloth sink into the trunk, step by step, of which the energy knows nothing. Once released, it fades by
+    itself: what contacts add is theirs, and would keep it alive for as long as there are any.
     """
-    moved = state.x.any() & jnp.isfinite(V).all()
+    moved = held & state.x.any() & jnp.isfinite(V).all()
     return state._replace(V=jnp.where(moved, V, state.V), x=jnp.where(moved, correction, state.x))
 
 

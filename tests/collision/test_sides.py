@@ -172,12 +172,14 @@ def test_a_body_without_limbs_needs_no_tables():
 def test_the_next_frame_goes_on_from_what_came_out_of_the_body():
     state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)))
     _, still, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)), state)
-    out = jnp.asarray(REST) + 0.01
-    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(still, out, out - REST), still)
+    out, yes = jnp.asarray(REST) + 0.01, jnp.array(True)
+    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(still, out, out - REST, yes), still)
     _, moved, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), still)
-    after = sides.after_collisions(moved, out, out - REST)
+    after = sides.after_collisions(moved, out, out - REST, yes)
     np.testing.assert_array_equal(after.V, out)
     np.testing.assert_array_equal(after.x, out - REST)
     np.testing.assert_array_equal(after.bones, moved.bones)
     bad = out.at[3].set(jnp.nan)
-    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(moved, bad, bad - REST), moved)
+    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(moved, bad, bad - REST, yes), moved)
+    released = sides.after_collisions(moved, out, out - REST, ~yes)
+    jax.tree.map(np.testing.assert_array_equal, released, moved)
