@@ -8,8 +8,8 @@ from garment_jax.body.kinematics import collider_points
 from garment_jax.geometry.winding_number import winding_number
 from garment_jax.structs import Collider, RiggedBody
 
-LIMB = 0.25  # metres from a fork to a tip: what is shorter, as a finger, is no limb of its own
-SHORTEST = 0.05  # metres of a bone that has a thickness
+LIMB = 0.14  # of the body's height, from a fork to a tip: what is shorter, as a finger, is no limb of its own
+SHORTEST = 0.028  # of the body's height: a bone that has a thickness
 
 
 class Limbs(NamedTuple):
@@ -23,20 +23,23 @@ def limbs_of(body: RiggedBody, collider: Collider) -> Limbs:
     """Return the limbs of `body` whose bones lie inside `collider` on the canonical body.
 
     A limb begins where the trunk ends: behind the last joint at which at least two chains of `LIMB` or
-    more part. Bones without surface of their own around them are left out.
+    more part. Bones without surface of their own around them are left out, and joints that end beside
+    another bone of their parent's, as those that carry a twist.
     """
     joints, parents = body.joints.astype(np.float64), np.asarray(body.parents)
+    height = float(np.ptp(body.vertices.astype(np.float64), axis=0).max())
+    beside = _beside(joints, parents, SHORTEST * height)
     surface = collider_points(collider, body.vertices.astype(np.float64))
     inside = winding_number(joints, surface, collider.faces) > 0.5
-    trunk = _trunk(joints, parents)
+    trunk = _trunk(joints, parents, beside, LIMB * height)
     weights = body.skin_weights[collider.body_vertices]
     found: list[tuple[int, int, float]] = []
     for j in range(1, len(joints)):
         p = int(parents[j])
-        if trunk[p] or not (inside[p] and inside[j]):
+        if trunk[p] or beside[j] or not (inside[p] and inside[j]):
             continue
         around = surface[: len(weights)][weights[:, p] > 0.5]
-        radius = _radius(around, joints[p], joints[j])
+        radius = _radius(around, joints[p], joints[j], SHORTEST * height)
         if radius is not None:
             found.append((p, j, radius))
     if not found:
@@ -45,25 +48,46 @@ def limbs_of(body: RiggedBody, collider: Collider) -> Limbs:
     return Limbs(np.stack([starts, ends], axis=1).astype(np.int32), np.array(radius))
 
 
-def _trunk(joints: np.ndarray, parents: np.ndarray) -> np.ndarray:
-    """Return which joints are part of the trunk: those at or before a fork of limbs, `[j]`."""
+def _beside(joints: np.ndarray, parents: np.ndarray, near: float) -> np.ndarray:
+    """Return which childless joints lie within `near` metres of another bone of their parent's, `[j]`."""
+    n = len(joints)
+    found = np.zeros(n, bool)
+    for j in sorted(set(range(1, n)) - set(parents.tolist())):
+        p = int(parents[j])
+        for other in np.flatnonzero(parents == p):
+            if other in (0, j) or found[other]:
+                continue
+            axis = joints[other] - joints[p]
+            t = np.clip((joints[j] - joints[p]) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+            found[j] |= float(np.linalg.norm(joints[j] - joints[p] - t * axis)) < near
+    return found
+
+
+def _trunk(joints: np.ndarray, parents: np.ndarray, beside: np.ndarray, limb: float) -> np.ndarray:
+    """Return which joints are part of the trunk: those at or before a fork of limbs, `[j]`.
+
+    A limb is at least `limb` metres long; joints `beside` another bone are none.
+    """
     n = len(joints)
     reach, long = np.zeros(n), np.zeros(n, int)  # metres to the farthest tip; chains that are limbs
-    for j in range(n - 1, 0, -1):
+    for j in (j for j in range(n - 1, 0, -1) if not beside[j]):
         p = int(parents[j])
         length = reach[j] + float(np.linalg.norm(joints[j] - joints[p]))
-        reach[p], long[p] = max(reach[p], length), long[p] + (length >= LIMB)
+        reach[p], long[p] = max(reach[p], length), long[p] + (length >= limb)
     trunk = long > 1
     for j in range(n - 1, 0, -1):
         trunk[parents[j]] |= trunk[j]
     return trunk
 
 
-def _radius(around: np.ndarray, a: np.ndarray, b: np.ndarray) -> float | None:
-    """Return the median distance of the points `[k, 3]` beside the bone from it, None without any."""
+def _radius(around: np.ndarray, a: np.ndarray, b: np.ndarray, shortest: float) -> float | None:
+    """Return the median distance of the points `[k, 3]` beside the bone from it, None without any.
+
+    None, too, for a bone of less than `shortest` metres.
+    """
     axis = b - a
     square = float(axis @ axis)
-    if square < SHORTEST**2:
+    if square < shortest**2:
         return None
     along = (around - a) @ axis / square
     beside = (along > 0.1) & (along < 0.9)

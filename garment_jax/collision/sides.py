@@ -5,6 +5,9 @@ afterwards: pushed out of the body by the shortest way, each is outside, on the 
 crosses the predicted cloth, every vertex' way since the last frame is followed relative to the bone. Those
 that went through the limb are kept where they came from, by a plane each, and the cloth around follows
 them: projected gradient on bending, edge lengths and distance from the prediction. Not in the paper.
+
+Root frames: where the heading jumps (a body upside down, `body/root_frame.py`) the way since the last frame
+is not the cloth's.
 """
 
 from typing import NamedTuple
@@ -24,7 +27,7 @@ SPREAD = 0.13  # metres over which bending lets a displacement die away
 THICKNESS = 0.037  # metres: with edges as long, stretching costs as much as displacing a vertex by as much
 STEPS = 100  # gradient steps a frame; the next frame goes on from there
 RELEASE = 0.7  # part of the displacement that is left a frame after the last bone has left the cloth
-GONE = 1e-4  # metres of displacement below which it is dropped
+GONE = 1e-4  # metres of displacement below which a vertex stays where it was predicted
 FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says nothing
 
 
@@ -92,7 +95,8 @@ def keep_sides(
     """Return the cloth on its side of the limbs, the state, and how many bones crossed `V_f`.
 
     Metres, root frame; `free`: vertices that are not pinned. Without a bone through the cloth, now or just
-    before, `V_f` comes back bitwise. A frame that is not finite comes back as it is, and is forgotten.
+    before, `V_f` comes back bitwise, and so does in any frame what would move by less than `GONE`. A frame
+    that is not finite comes back as it is, and is forgotten.
     """
     finite = jnp.isfinite(V_f).all() & jnp.isfinite(bones).all()
     P, none = V_f.T, jnp.zeros(len(tables.radius), bool)
@@ -104,11 +108,10 @@ def keep_sides(
         return _held(P, bones, free, state, tables).T
 
     def released() -> Array:
-        x = RELEASE * state.x
-        return jnp.where(jnp.abs(x).max() < GONE, 0.0, x)
+        return RELEASE * state.x
 
     x = jax.lax.cond(active, held, released)
-    x = jnp.where(finite, x, 0.0)
+    x = jnp.where(finite & ((x * x).sum(axis=1, keepdims=True) >= GONE**2), x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
     following = SideState(V, bones, x, jnp.array(True))
     following = jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
@@ -170,7 +173,8 @@ def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
         return new, new + beta * (new - x), following
 
     x = state.x.T
-    return jax.lax.fori_loop(0, STEPS, step, (x, x, jnp.ones((), x.dtype)))[0]
+    wanted = direction.any() | x.any()
+    return jax.lax.fori_loop(0, jnp.where(wanted, STEPS, 0), step, (x, x, jnp.ones((), x.dtype)))[0]
 
 
 def energy_gradient(
@@ -223,7 +227,9 @@ def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     nearest = jnp.minimum(*(_segment_distance(carried, end, start, axis) for end in ends))
     kept = (nearest < CORE * radius) & free & (1 + cosine > FLIP) & (away > 0.3 * radius)
     direction = jnp.where(kept[None], side / away[None], 0.0)
-    return direction, jnp.where(kept, radius - _dot(direction, ends[0] - start[:, None]), 0.0)
+    # cloth that lies on a thinner part of the limb is outside there: it is not pushed out to the radius
+    height = jnp.minimum(radius, away) - _dot(direction, ends[0] - start[:, None])
+    return direction, jnp.where(kept, height, 0.0)
 
 
 def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:

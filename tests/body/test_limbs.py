@@ -1,6 +1,7 @@
 """Which bones are limbs, on the small human and on changed skeletons."""
 
 import numpy as np
+import pytest
 
 from garment_jax.body.limbs import limbs_of
 from garment_jax.collision.solid import everything
@@ -42,16 +43,43 @@ def test_a_radius_is_the_distance_of_the_surface_from_the_bone():
 def test_fingers_do_not_make_a_trunk_of_the_arm():
     """A hand that forks into short chains is still the end of a limb."""
     body = SCENE.body
-    hand = NAMES.index("LeftHand")
-    tips = body.joints[hand] + np.array([[0.02, -0.05, 0], [-0.02, -0.05, 0]], np.float32)
-    more = body._replace(
-        joints=np.concatenate([body.joints, tips]),
-        parents=np.concatenate([body.parents, [hand, hand]]).astype(np.int32),
-        joint_names=(*body.joint_names, "Thumb", "Finger"),
-        skin_weights=np.pad(body.skin_weights, ((0, 0), (0, 2))),
-    )
+    tips = body.joints[NAMES.index("LeftHand")] + np.array([[0.02, -0.05, 0], [-0.02, -0.05, 0]])
+    more = with_joints(["Thumb", "Finger"], "LeftHand", tips)
     whole, plain = limbs_of(more, everything(more)), limbs_of(body, everything(body))
     np.testing.assert_array_equal(whole.joints, plain.joints)
+
+
+def with_joints(names: list[str], parent: str, at: np.ndarray):
+    """Return the body with joints `at` `[k, 3]` more under `parent`, which move nothing."""
+    body, k = SCENE.body, len(names)
+    return body._replace(
+        joints=np.concatenate([body.joints, at.astype(np.float32)]),
+        parents=np.concatenate([body.parents, [NAMES.index(parent)] * k]).astype(np.int32),
+        joint_names=(*body.joint_names, *names),
+        skin_weights=np.pad(body.skin_weights, ((0, 0), (0, k))),
+    )
+
+
+@pytest.mark.parametrize("along", [0.3, 0.6, 1.0])
+def test_a_joint_that_carries_a_twist_changes_nothing(along: float):
+    assert SCENE.collider is not None
+    hip, knee = (SCENE.body.joints[NAMES.index(name)] for name in ("LeftUpLeg", "LeftLeg"))
+    more = with_joints(["LeftUpLegTwist"], "LeftUpLeg", (hip + along * (knee - hip))[None])
+    found, plain = limbs_of(more, SCENE.collider), limbs_of(SCENE.body, SCENE.collider)
+    np.testing.assert_array_equal(found.joints, plain.joints)
+    np.testing.assert_array_equal(found.radius, plain.radius)
+
+
+@pytest.mark.parametrize("scale", [0.3, 3.0])
+def test_a_body_of_another_size_has_the_same_limbs(scale: float):
+    assert SCENE.collider is not None
+    body = SCENE.body._replace(
+        joints=(scale * SCENE.body.joints).astype(np.float32),
+        vertices=(scale * SCENE.body.vertices).astype(np.float32),
+    )
+    found, plain = limbs_of(body, SCENE.collider), limbs_of(SCENE.body, SCENE.collider)
+    np.testing.assert_array_equal(found.joints, plain.joints)
+    np.testing.assert_allclose(found.radius, scale * plain.radius, rtol=1e-5)
 
 
 def test_a_collider_without_limbs_has_none():

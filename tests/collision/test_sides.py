@@ -93,6 +93,40 @@ def test_the_first_frame_has_no_side_that_it_came_from():
     np.testing.assert_array_equal(V, REST)
 
 
+def test_cloth_that_lies_on_a_thin_part_of_a_limb_is_not_pushed_off_it():
+    """The sheet rests at 0.6 radii of the first bone while the second crosses it elsewhere."""
+    low = 0.6 * RADIUS
+    bones = np.zeros((2, 2, 3), np.float32)
+    bones[0] = [[-0.3, -low, -0.3], [0.3, -low, -0.3]]
+    beside = (np.abs(REST[:, 0]) < 0.25) & (np.abs(REST[:, 2] + 0.3) < 0.02)
+    state = first_sides(jnp.asarray(REST), jnp.asarray(bones + [[[0]], [[-0.2]]]))
+    for h in (-0.1, 0.0, 0.02):
+        bones[1] = bar(h, tilt=0.02)[0] + [0, 0, 0.2]
+        V, state, _ = step()(jnp.asarray(REST), jnp.asarray(bones), state)
+    assert np.abs(np.asarray(V) - REST)[np.abs(REST[:, 2] - 0.3) < 0.02].max() > 0.5 * RADIUS
+    assert np.abs(np.asarray(V)[beside, 1] - REST[beside, 1]).max() < 0.1 * RADIUS
+
+
+def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
+    """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
+    longer = jnp.asarray((1.05 * REST).astype(np.float32))
+    bones = np.repeat(np.array([[[0.02, -0.1, 0.03], [0.02, 0.1, 0.03]]], np.float32), 2, 0)
+    thin = make_side_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), tables()[0])
+    assert thin is not None
+    state = first_sides(longer, jnp.asarray(bones))
+    for _ in range(3):
+        V, state, pierced = keep_sides(longer, jnp.asarray(bones), FREE, state, thin)
+        assert int(pierced) > 0
+        np.testing.assert_array_equal(V, longer)
+
+
+def test_far_from_the_limb_the_cloth_keeps_every_digit():
+    found = through([-0.1, 0.0], tilt=0.02)[-1][0]
+    moved = np.abs(found - REST).max(axis=1)
+    assert moved.max() > 0.5 * RADIUS
+    assert ((moved == 0) | (np.linalg.norm(found - REST, axis=1) > 0.99 * sides.GONE)).all()
+
+
 def test_a_nan_is_left_alone_and_forgotten():
     state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.2)))
     _, state, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.2)), state)
