@@ -91,7 +91,7 @@ def collide_file(
 
 
 def summary(report: Report) -> list[str]:
-    """Return what to print: one line of figures, then a line for each way in which frames fell short."""
+    """Return what to print: a line of figures, then lines for limbs and for how frames fell short."""
     f, worst = report.figures, int(np.argmax(report.figures.pop))
     short = ~np.isin(f.outcome, (Outcome.NOTHING_TO_DO, Outcome.CONVERGED))
     lines = [
@@ -101,12 +101,20 @@ def summary(report: Report) -> list[str]:
         f"{int(f.penetrating_after.sum())} after; {short.sum()} frames not converged; "
         f"largest pop {1e3 * f.pop[worst]:.2f} mm (frame {worst})"
     ]
+    if (f.pierced > 0).any():
+        lines.append(
+            f"{_frames(f.pierced > 0)}: a limb ran through the cloth, which was put back on its side."
+        )
     for outcome in np.unique(f.outcome[short]):
-        frames = np.flatnonzero(f.outcome == outcome)
-        which = ", ".join(map(str, frames[:5])) + (", …" if len(frames) > 5 else "")
-        count = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
-        lines.append(f"{count} ({which}): {MESSAGES[Outcome(int(outcome))]}")
+        lines.append(f"{_frames(f.outcome == outcome)}: {MESSAGES[Outcome(int(outcome))]}")
     return lines
+
+
+def _frames(which: np.ndarray) -> str:
+    """Return the marked frames in words."""
+    frames = np.flatnonzero(which)
+    first = ", ".join(map(str, frames[:5])) + (", …" if len(frames) > 5 else "")
+    return f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'} ({first})"
 
 
 def _check_settings(eps: float, iterations: int) -> None:

@@ -18,7 +18,7 @@ class Outcome(IntEnum):
 
 
 MESSAGES = {
-    Outcome.NOTHING_TO_DO: "Every free vertex was outside by the margin; the input came back unchanged.",
+    Outcome.NOTHING_TO_DO: "Every free vertex was outside by the margin; nothing was pushed out.",
     Outcome.CONVERGED: "Every free vertex is outside by the margin and the steps fell below the tolerance.",
     Outcome.STEPS_SPENT: "Every free vertex is outside by the margin, but the step budget ended before the "
     "tolerance was met; raise `iterations` for a smoother garment.",

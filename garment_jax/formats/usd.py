@@ -28,7 +28,7 @@ def load_pxr() -> Any:
         from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt  # noqa: F401 - loaded for pxr.X
     except ImportError as error:
         raise ValueError(
-            "USD files need Pixar's library; install it with `pip install 'garment-jax[usd]'`."
+            "USD files need Pixar's library; install it with `pip install -e '.[usd]'`."
         ) from error
     return pxr
 

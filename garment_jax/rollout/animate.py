@@ -41,7 +41,7 @@ class Chunk(NamedTuple):
     """A stretch of finished frames."""
 
     V: np.ndarray  # [k, n, 3] float32 metres, world
-    deepest: np.ndarray  # [k] metres inside the collider before collision handling; 0 without it
+    deepest: np.ndarray  # [k] metres inside the collider before it is pushed out; 0 without handling
     collision: Any = None  # `collision.sequence.FrameFigures` of each frame; None without collision handling
 
 

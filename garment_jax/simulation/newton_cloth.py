@@ -1,4 +1,4 @@
-"""A garment on a moving body in Newton's Style3D solver (optional: `pip install garment-jax[sim]`).
+"""A garment on a moving body in Newton's Style3D solver (optional: extra `sim`).
 
 Import this module only where something is simulated: it loads newton and warp, and raises `ValueError`
 without them. All runs on one CPU core and is deterministic: nothing is drawn at random, nothing runs in

@@ -274,6 +274,13 @@ def test_what_is_read_is_not_overwritten(tmp_path, thin, same):
         collide_file(**words)
 
 
+def test_the_summary_names_the_frames_with_a_limb_through_the_cloth():
+    zero = np.zeros(4)
+    figures = FrameFigures(zero, zero, zero, zero, zero, zero, np.array([0, 2, 0, 1]), zero)
+    _, limbs = summary(Report(4, 0.5, figures))
+    assert limbs.startswith("2 frames (1, 3): a limb ran through the cloth")
+
+
 def test_the_summary_names_what_fell_short_and_the_remedy():
     outcome = np.array([Outcome.NOTHING_TO_DO, *[Outcome.STEPS_SPENT] * 6, Outcome.STILL_INSIDE, 1])
     zero, pop = np.zeros(9), np.array([0, 0, 0, 0.0123, 0, 0, 0, 0, 0])
