@@ -221,14 +221,15 @@ def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     K = jnp.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
     R = jnp.eye(3) + K + K @ K / jnp.maximum(1 + cosine, FLIP)
     carried = R @ (Q - before[0][:, None]) + start[:, None]
-    side = carried - start[:, None]
-    side = side - (v @ side)[None] * v[:, None]
+    along = jnp.clip(axis @ (carried - start[:, None]) / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
+    foot = start[:, None] + along[None] * axis[:, None]  # of the bone alone: over a bent knee its end counts
+    side = carried - foot
     away = jnp.sqrt(jnp.maximum(_dot(side, side), 1e-12))
     nearest = jnp.minimum(*(_segment_distance(carried, end, start, axis) for end in ends))
     kept = (nearest < CORE * radius) & free & (1 + cosine > FLIP) & (away > 0.3 * radius)
     direction = jnp.where(kept[None], side / away[None], 0.0)
     # cloth that lies on a thinner part of the limb is outside there: it is not pushed out to the radius
-    height = jnp.minimum(radius, away) - _dot(direction, ends[0] - start[:, None])
+    height = jnp.minimum(radius, away) - _dot(direction, ends[0] - foot)
     return direction, jnp.where(kept, height, 0.0)
 
 

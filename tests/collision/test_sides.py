@@ -107,6 +107,20 @@ def test_cloth_that_lies_on_a_thin_part_of_a_limb_is_not_pushed_off_it():
     assert np.abs(np.asarray(V)[beside, 1] - REST[beside, 1]).max() < 0.1 * RADIUS
 
 
+def test_cloth_before_the_end_of_a_bone_stays_there():
+    """A knee that comes up through the sheet, the bone upright: its end lifts the cloth."""
+    knee = np.array([0.02, 0.0, 0.12])
+    state = None
+    for h in (-0.2, -0.1, 0.05):
+        up = np.array([knee - [0, 0.5, 0], knee], np.float32) + np.array([0, h, 0], np.float32)
+        bones = jnp.asarray(np.stack([up, up + np.array([0, 0, 3.0], np.float32)]))
+        state = first_sides(jnp.asarray(REST), bones) if state is None else state
+        V, state, _ = step()(jnp.asarray(REST), bones, state)
+    above = np.linalg.norm(REST[:, [0, 2]] - knee[[0, 2]], axis=1) < 0.03
+    assert above.any()
+    assert (np.asarray(V)[above, 1] > 0.05 + 0.5 * RADIUS).all()
+
+
 def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
     """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
     longer = jnp.asarray((1.05 * REST).astype(np.float32))
