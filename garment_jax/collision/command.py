@@ -103,7 +103,7 @@ def summary(report: Report) -> list[str]:
     ]
     if (f.pierced > 0).any():
         lines.append(
-            f"{_frames(f.pierced > 0)}: a limb ran through the cloth, which was put back on its side."
+            f"{_frames(f.pierced > 0)}: a limb ran through the cloth, put back where its side was known."
         )
     for outcome in np.unique(f.outcome[short]):
         lines.append(f"{_frames(f.outcome == outcome)}: {MESSAGES[Outcome(int(outcome))]}")
