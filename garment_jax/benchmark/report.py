@@ -32,7 +32,7 @@ VTO_COMMAND = "garment-jax benchmark configs/benchmark_vto.toml --data DIR"
 
 
 def write_report(plan: Plan, told: dict[str, Any]) -> list[Path]:
-    """Write the four files (and the pictures) into the benchmark's folder and return their paths."""
+    """Write the four files, plots and pictures; return the four paths."""
     from garment_jax.benchmark.pictures import all_pictures
     from garment_jax.benchmark.plots import all_plots
 
@@ -41,9 +41,10 @@ def write_report(plan: Plan, told: dict[str, Any]) -> list[Path]:
     facts = describe(records, told)
     pictures = all_pictures(records, plan.test, plan.out)
     plots = all_plots(records, plan.settings.lengths)
+    drawn = write_plots(plots, plan.out)
     values = finite(as_json(records, tables, told))
     texts = {
-        "report.md": markdown(records, tables, facts, pictures, plan.out),
+        "report.md": markdown(records, tables, facts, drawn, pictures, plan.out),
         "report.json": json.dumps(values, indent=1, ensure_ascii=False) + "\n",
         "report.csv": as_csv(records),
         "report.html": make_page(records.title, facts, plots, pictures, tables, notes(records)),
@@ -51,6 +52,16 @@ def write_report(plan: Plan, told: dict[str, Any]) -> list[Path]:
     for name, text in texts.items():
         write_text(plan.out / name, text)
     return [plan.out / name for name in texts]
+
+
+def write_plots(plots: dict[str, str], out: Path) -> dict[str, Path]:
+    """Write title -> SVG into `out/plots` and return title -> file: for other documents than the page."""
+    folder = out / "plots"
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {title: folder / f"{title.lower().replace(',', '').replace(' ', '_')}.svg" for title in plots}
+    for title, path in paths.items():
+        write_text(path, plots[title] + "\n")
+    return paths
 
 
 def make_tables(records: Records, plan: Plan) -> list[Table]:
@@ -116,21 +127,26 @@ def notes(records: Records) -> dict[str, str]:
     return found
 
 
-def markdown(records: Records, tables: list[Table], facts: str, pictures: dict[str, Path], out: Path) -> str:
-    """Return the report as Markdown; pictures are linked, plots stand in the page."""
-    lines = [f"# {records.title}", "", facts, "", "The plots are in `report.html`.", ""]
+def markdown(
+    records: Records,
+    tables: list[Table],
+    facts: str,
+    plots: dict[str, Path],
+    pictures: dict[str, Path],
+    out: Path,
+) -> str:
+    """Return the report as Markdown; plots and pictures are linked."""
+    lines, said = [f"# {records.title}", "", facts, ""], notes(records)
+    for name, path in plots.items():
+        lines += _linked(name, path.relative_to(out), said)
     lines += [to_markdown(table) for table in tables]
-    said = notes(records)
     for name, path in pictures.items():
-        lines += [
-            f"## {name}",
-            "",
-            f"![{name}]({path.relative_to(out).as_posix()})",
-            "",
-            said.get(name, ""),
-            "",
-        ]
+        lines += _linked(name, path.relative_to(out), said)
     return "\n".join(lines)
+
+
+def _linked(name: str, path: Path, said: dict[str, str]) -> list[str]:
+    return [f"## {name}", "", f"![{name}]({path.as_posix()})", "", said.get(name, ""), ""]
 
 
 def as_json(records: Records, tables: list[Table], told: dict[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -51,6 +53,16 @@ def test_the_page_holds_every_plot_and_picture_and_fetches_nothing(finished: Pla
     assert "href=" not in page.replace("xlink:href", "")
     assert page.count("<table>") == 10
     assert "ours &amp; all" in page
+
+
+def test_every_plot_is_a_file_of_its_own_linked_from_the_markdown(finished: Plan) -> None:
+    text = (finished.out / "report.md").read_text()
+    for title, svg in all_plots(gather(finished), finished.settings.lengths).items():
+        found = re.search(rf"!\[{re.escape(title)}\]\((plots/[a-z_]+\.svg)\)", text)
+        assert found is not None, title
+        written = (finished.out / found[1]).read_text()
+        assert written == svg + "\n"
+        assert ElementTree.fromstring(written).tag.endswith("svg")
 
 
 def test_every_row_is_in_the_pareto_plot(finished: Plan) -> None:
