@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+SAME_RATE = 1e-4  # relative difference of rates that are one, as files round them
+
 
 def sample_times(frames: int, fps: float, source_fps: float, skip: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return for every output frame the source frame before it `[t]` and how far beyond it is, [0, 1).
@@ -15,12 +17,21 @@ def sample_times(frames: int, fps: float, source_fps: float, skip: int = 0) -> t
             raise ValueError(f"{name} = {rate} must lie between 1 and 10000 frames a second.")
     if not 0 <= skip < frames:
         raise ValueError(f"skip = {skip} leaves nothing of {frames} frames; take 0 to {frames - 1}.")
-    step = source_fps / fps
+    step = _whole(source_fps / fps)
     count = int((frames - 1 - skip) / step + 1e-6) + 1
     time = np.minimum(skip + np.arange(count) * step, frames - 1)
     first = np.floor(time + 1e-6).astype(int)
     part = np.maximum(time - first, 0.0)
     return first, part
+
+
+def _whole(step: float) -> float:
+    """Return a step of a whole number of frames, or a whole number of steps a frame, exactly.
+
+    Files say 0.041708 s where 1 / 23.976 is meant; the last frame must not be lost over the difference.
+    """
+    many = max(round(step), 1) if step >= 1 else 1 / max(round(1 / step), 1)
+    return many if abs(step / many - 1) < SAME_RATE else step
 
 
 def between(values: np.ndarray, first: np.ndarray, part: np.ndarray) -> np.ndarray:

@@ -186,6 +186,7 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         floor=not options.keep_height,
         unit=options.motion_unit,
         up=options.motion_up,
+        rest_up=options.body_up,
         origin=figure.origin,
         say=partial(print, flush=True),
     )

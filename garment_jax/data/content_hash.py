@@ -43,8 +43,14 @@ def _digest(items: Iterable[tuple[str, object]]) -> str:
 
 def stored_hash(path: Path) -> str | None:
     """Return a sequence file's attribute `content_hash`; None where there is no file or a damaged one."""
+    return stored_attribute(path, "content_hash")
+
+
+def stored_attribute(path: Path, name: str) -> str | None:
+    """Return a text attribute of an HDF5 file; None where it, or a whole file, is not there."""
     try:
         with h5py.File(path, "r") as file:
-            return str(plain(file.attrs.get("content_hash")))
+            value = file.attrs.get(name)
     except OSError:
         return None
+    return None if value is None else str(plain(value))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.data.sequence import Sequence
+from garment_jax.evaluation.pair import read_finite
 from garment_jax.export.glb_body import add_body
 from garment_jax.export.glb_document import add_channel, new_document, smooth_normals, tidy
 from garment_jax.formats.gltf_writer import INDICES, VERTICES, GlbWriter
@@ -155,4 +156,4 @@ def _posed(sequence: Sequence, frames: range) -> Iterator[np.ndarray]:
     count = max(1, _WINDOW // frames.step)
     for first in range(0, len(frames), count):
         part = frames[first : first + count]
-        yield from sequence.read(part[0], part[-1] + 1)[:: frames.step]
+        yield from read_finite(sequence, part[0], part[-1] + 1)[:: frames.step]

@@ -7,7 +7,7 @@ import numpy as np
 
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.written_whole import written_whole
-from garment_jax.formats.obj import obj_faces, write_obj
+from garment_jax.formats.obj import is_our_obj, obj_faces, write_obj
 
 Write = Callable[[Path, Iterable[np.ndarray], int, int], None]  # path, windows, frames, points
 
@@ -16,11 +16,18 @@ def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
     """Write `out` and the matching OBJ beside it, and both again as `NAME_body` for the body.
 
     The OBJ is the garment's template on the canonical body (the body's canonical pose): what cloth tools
-    call the rest shape. Returns the files.
+    call the rest shape. Returns the files. Raises `ValueError` where an OBJ of that name is there that no
+    export wrote: it may be the garment's source.
     """
     body = out.with_name(f"{out.stem}_body{out.suffix}")
     caches = [out, body] if clip.with_body else [out]
     files = [path for cache in caches for path in (cache, cache.with_suffix(".obj"))]
+    for path in files:
+        if path.suffix == ".obj" and path.exists() and not is_our_obj(path):
+            raise ValueError(
+                f"{path} is there and no export wrote it, and the mesh of {out.name} is written to it; name "
+                "another --out."
+            )
     garment = clip.garment
     with written_whole(*files) as temporary:
         write(temporary[0], clip.garment_windows(), clip.frames, len(garment.template))

@@ -44,6 +44,13 @@ def open_gltf(path: str | Path) -> GltfFile:
     return GltfFile(path, document, _buffers(document, chunk, path))
 
 
+def buffer_files(path: Path) -> tuple[Path, ...]:
+    """Return the files beside a glTF file that hold its buffers; raises as `open_gltf`."""
+    buffers = open_gltf(path).json.get("buffers", [])
+    named = [buffer.get("uri") for buffer in buffers]
+    return tuple(_beside(uri, path) for uri in named if uri is not None and not uri.startswith("data:"))
+
+
 def element(file: GltfFile, kind: str, index: Any) -> dict[str, Any]:
     """Return element `index` of the JSON's array `kind`; ValueError where there is none."""
     found = file.json.get(kind, [])

@@ -25,6 +25,20 @@ class MeshCache(NamedTuple):
     up: str | None  # "Y" or "Z", None where the format does not say
 
 
+def files_named_in(path: Path) -> tuple[Path, ...]:
+    """Return the files that a file names as parts of itself: a glTF's buffers, a USD stage's layers."""
+    suffix = path.suffix.lower()
+    if suffix == ".gltf":
+        from garment_jax.formats.gltf_container import buffer_files
+
+        return buffer_files(path)
+    if suffix in USD_SUFFIXES:
+        from garment_jax.formats.usd import layer_files
+
+        return layer_files(path)
+    return ()
+
+
 class Frames:
     """Vertices `[t, n, 3]` float32 that are read when they are sliced by frames, and never all at once.
 

@@ -11,6 +11,8 @@ import numpy as np
 from garment_jax.formats.mesh_cache import fan_corners
 from garment_jax.formats.ply import LARGEST, Mesh
 
+HEAD = "# garment_jax\n"  # how a file begins that is written here
+
 
 def read_obj(path: str | Path) -> Mesh:
     """Read an OBJ mesh, polygons as fans; the file's own unit and axes.
@@ -118,6 +120,14 @@ def obj_faces(faces: np.ndarray, uv: np.ndarray | None = None, faces_uv: np.ndar
 
 
 def write_obj(path: str | Path, vertices: np.ndarray, tail: str) -> None:
-    """Write `vertices` `[n, 3]` in their order with nine digits (float32 exactly), then `tail`."""
-    text = ("v %.9g %.9g %.9g\n" * len(vertices)) % tuple(np.asarray(vertices, np.float64).ravel().tolist())
+    """Write a comment, `vertices` `[n, 3]` in their order with nine digits (float32 exactly), then `tail`."""
+    text = HEAD + ("v %.9g %.9g %.9g\n" * len(vertices)) % tuple(
+        np.asarray(vertices, np.float64).ravel().tolist()
+    )
     Path(path).write_text(text + tail, encoding="ascii")
+
+
+def is_our_obj(path: Path) -> bool:
+    """Return whether `write_obj` wrote a file."""
+    with path.open("rb") as file:
+        return file.read(len(HEAD)) == HEAD.encode()

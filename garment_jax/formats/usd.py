@@ -71,6 +71,13 @@ def read_usd(path: str | Path, *, mesh: str | None = None) -> MeshCache:
     return MeshCache(vertices, faces, uv, faces_uv, fps, unit, up)
 
 
+def layer_files(path: Path) -> tuple[Path, ...]:
+    """Return the files of a stage's other layers (sublayers, references), sorted; raises as `read_usd`."""
+    stage = _open(path, load_pxr())
+    used = {Path(layer.realPath).resolve() for layer in stage.GetUsedLayers() if layer.realPath}
+    return tuple(sorted(file for file in used - {path.resolve()} if file.is_file()))
+
+
 def _open(path: Path, pxr: Any) -> Any:
     if not path.is_file():
         raise FileNotFoundError(f"{path} is not there; name a USD file.")

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from garment_jax.data import layout
-from garment_jax.data.content_hash import body_hash, stored_hash
+from garment_jax.data.content_hash import body_hash, stored_attribute, stored_hash
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
 
@@ -44,8 +45,10 @@ def import_sources(
     """Turn `sources` into `OUT/<train|test>/<name>.h5`, one at a time; `test` names those to test on.
 
     `settings` is a text of the options that shape the result: together with the files' content it says
-    whether a clip is there already. A clip that is refused gets a line and the others go on; a single one
-    raises. Raises `ValueError` for two clips of one name and for a test clip that is not there.
+    whether a clip is there already. A clip made from the same file before is replaced, and moves where
+    `test` now says otherwise; one made from anything else stays, and the new one is refused. A clip that is
+    refused gets a line and the others go on; a single one raises. Raises `ValueError` for two clips of one
+    name and for a test clip that is not there.
     """
     names = [source.name for source in sources]
     _check_names(sources, test)
@@ -84,7 +87,10 @@ def _check_names(sources: Sequence[Source], test: Sequence[str]) -> None:
 
 def _import_source(source: Source, path: Path, settings: str, progress: Callable[[str], None]) -> Outcome:
     content = _content_hash(source.files, settings)
-    if stored_hash(path) == content:
+    elsewhere = path.parent.parent / ("train" if path.parent.name == "test" else "test") / path.name
+    _check_replaceable(path, source)
+    _check_replaceable(elsewhere, source)
+    if stored_hash(path) == content and not elsewhere.exists():
         return Outcome(source.path, path, _frames_of(path), "", skipped=True)
     clip = source.read()
     where = str(source.path)
@@ -96,9 +102,12 @@ def _import_source(source: Source, path: Path, settings: str, progress: Callable
     if clip.windows is None:
         with SequenceWriter(path, clip.scene, clip.motion, encoding="none", attributes=attributes):
             pass
-        return Outcome(source.path, path, frames, body_hash(clip.scene.body))
-    attributes |= {"kind": "simulated", "split": path.parent.name}
-    _write(path, clip, attributes, where)
+    else:
+        attributes |= {"kind": "simulated", "split": path.parent.name}
+        _write(path, clip, attributes, where)
+    if elsewhere.exists():  # a clip to train on must not be one to test on
+        elsewhere.unlink()
+        progress(f"{elsewhere} is gone: the clip is {path} now")
     return Outcome(source.path, path, frames, body_hash(clip.scene.body))
 
 
@@ -111,6 +120,20 @@ def _write(path: Path, clip: ForeignClip, attributes: dict, where: str) -> None:
             writer.append(V)
 
 
+def _check_replaceable(path: Path, source: Source) -> None:
+    """Raise `ValueError` where a clip would replace what was not made from its file, or that file itself."""
+    if not path.exists():
+        return
+    if path.resolve() in {file.resolve() for file in source.files}:
+        raise ValueError(f"{path} is what is read; choose another --out.")
+    made_from = stored_attribute(path, "source")
+    if stored_attribute(path, "schema_version") is not None and made_from != source.path.name:
+        raise ValueError(
+            f"{path} is there and was made from {made_from or 'no import'}, not from {source.path.name}; "
+            "choose another --out, or move it away."
+        )
+
+
 def _frames_of(path: Path) -> int:
     with open_sequence(path) as sequence:
         return sequence.frames
@@ -121,7 +144,7 @@ def _content_hash(files: Sequence[Path], settings: str) -> str:
     digest = hashlib.sha256(f"schema {layout.SCHEMA_VERSION} {settings}".encode())
     for file in files:
         inside = sorted(path for path in file.iterdir() if path.is_file()) if file.is_dir() else [file]
-        for path in inside:
+        for path in [*inside, *(p for one in inside for p in files_named_in(one))]:
             digest.update(path.name.encode())
             _hash_file(path, digest)
     return digest.hexdigest()[:16]

@@ -9,7 +9,7 @@ from pathlib import Path
 KINDS = ("packed", "vto", "virtualbones", "meshes", "motion")
 CACHES = (".pc2", ".mdd", ".usd", ".usda", ".usdc", ".usdz", ".abc")
 MESHES = (".obj", ".ply")
-MOTIONS = (".bvh", ".npz", ".pkl", ".glb", ".gltf")
+MOTIONS = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".h5")
 _SUFFIXES = {"packed": (".h5",), "vto": (".pkl",), "virtualbones": (".npz",), "motion": MOTIONS}
 _WORDS = {
     "packed": "packed clips (.h5)",
@@ -65,9 +65,11 @@ def _clips_of_folder(folder: Path, kind: str) -> list[Path]:
     if kind == "vto" and (folder / "simulations").is_dir():
         return _clips_of_folder(folder / "simulations", kind)
     if kind == "meshes":
-        if any(path.suffix.lower() in MESHES for path in files):
+        moving = [path for path in files if _is_meshes(path)]
+        if any(path.suffix.lower() in MESHES for path in files) and not any(map(Path.is_file, moving)):
             return [folder]
-        return [path for path in files if _is_meshes(path)]
+        stems = {path.stem for path in moving}
+        return [path for path in moving if path.stem.removesuffix("_body") not in stems - {path.stem}]
     if kind == "virtualbones":
         return [path for path in files if path.suffix == ".npz" and path.stem.isdecimal()]
     return [path for path in files if path.suffix.lower() in _SUFFIXES[kind]]
@@ -90,8 +92,9 @@ def _kind_of_folder(folder: Path) -> str | None:
         return "vto"
     if (folder / "template.obj").is_file() and any(path.suffix == ".npz" for path in files):
         return "virtualbones"
-    if any(path.suffix == ".h5" for path in files):
-        return "packed"
+    stored = [path for path in files if path.suffix == ".h5"]
+    if stored:
+        return _kind_of_file(stored[0])
     if any(_is_meshes(path) or path.suffix.lower() in MESHES for path in files):
         return "meshes"
     return next((kind for kind in map(_kind_of_file, filter(Path.is_file, files)) if kind), None)
@@ -100,7 +103,9 @@ def _kind_of_folder(folder: Path) -> str | None:
 def _kind_of_file(path: Path) -> str | None:
     suffix = path.suffix.lower()
     if suffix == ".h5":
-        return "packed"
+        return (
+            "motion" if _holds(path, b"schema_version") and not _holds(path, b"vertices_delta") else "packed"
+        )
     if suffix == ".pkl":
         return "vto" if _holds(path, b"vertices") else "motion"
     if suffix == ".npz":

@@ -8,7 +8,14 @@ import numpy as np
 
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.intake.own_files import MESHES, Place, Wardrobe, list_motions, settle_place
+from garment_jax.intake.own_files import (
+    MESHES,
+    Place,
+    Wardrobe,
+    check_with_cloth,
+    list_motions,
+    settle_place,
+)
 from garment_jax.intake.sources import ForeignClip, Options, Source
 from garment_jax.intake.vertex_body import VertexBody, read_vertex_body
 from garment_jax.structs import Garment, RiggedBody
@@ -27,6 +34,7 @@ def mesh_sources(paths: Sequence[Path], options: Options) -> list[Source]:
     and follows the others. Raises `ValueError` without a garment or a body, or where a clip has no motion or
     several.
     """
+    check_with_cloth(options, paths[0])
     wardrobe = Wardrobe(options)
     motions = pair_motions(paths, list_motions(options))
     rig = fitted_once(wardrobe, motions[0]) if wardrobe.body_path.suffix.lower() in MESHES else None
@@ -140,10 +148,16 @@ def check_vertex_order(V: np.ndarray, garment: Garment, path: Path, garment_path
 
 def check_lengths(frames: int, moves: int, fps: float, path: Path, motion_path: Path) -> None:
     """Raise `ValueError` unless a clip and its motion have as many frames."""
+    if frames != moves and path == motion_path:
+        raise ValueError(
+            f"{path}: its cloth has {frames} frames and its motion {moves} at {fps:g} fps; leave "
+            "--source-fps out, or give --fps the same rate."
+        )
     if frames != moves:
         raise ValueError(
             f"{path} has {frames} frames and {motion_path} {moves} at {fps:g} fps; export both from the same "
-            "first frame to the same last, or give the clip's true rate with --fps."
+            "first frame to the same last, or give the clip's true rate with --fps, the motion's with "
+            "--source-fps."
         )
 
 

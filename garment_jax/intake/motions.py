@@ -56,6 +56,7 @@ def read_motion(
     centre: bool = True,
     unit: float | str | None = None,
     up: str | None = None,
+    rest_up: str | None = None,
     origin: np.ndarray | None = None,
     say: Say | None = None,
 ) -> Motion:
@@ -65,7 +66,8 @@ def read_motion(
     the file's true rate, where it does not say or lies. `joints`: body joint -> file joint (by names without
     it). `skip`: frames to drop at the beginning. `floor` lifts the whole motion by one constant: in the
     median frame the lowest joint is as high as in the canonical pose. `centre` begins a BVH at x = z = 0, the
-    others stay where they are. `unit` and `up` replace what the format says.
+    others stay where they are. `unit` and `up` replace what the format says; `rest_up` is the axis that was
+    up in the body's file: a glTF motion turns its joints from that rest pose, and has that axis without `up`.
     `origin` `[3]`: the body file's own origin (`LoadedBody.origin`), from which SMPL's translations count.
     `say` takes what was decided for the user. Raises `FileNotFoundError`, `OSError` or `ValueError`, by file.
     """
@@ -74,7 +76,11 @@ def read_motion(
         raise FileNotFoundError(f"{path} is not there; name a motion ({', '.join(SUFFIXES)}).")
     if path.suffix.lower() == ".bvh":
         return _captured(path, body, joints, fps, source_fps, skip, floor, centre, unit, up)
-    track = _read_track(path, body, fps, unit, up, origin, say)
+    if path.suffix.lower() in (".glb", ".gltf"):
+        if source_fps is not None:
+            raise ValueError(f"{path}: a glTF's keys have times in seconds; leave --source-fps out.")
+        up = up or rest_up
+    track = _read_track(path, body, fps, unit, up, rest_up, origin, say)
     try:
         return _on_body(track, body, joints, fps, source_fps, skip, floor, say)
     except ValueError as error:
@@ -127,6 +133,7 @@ def _read_track(
     fps: float | None,
     unit: float | str | None,
     up: str | None,
+    rest_up: str | None,
     origin: np.ndarray | None,
     say: Say,
 ) -> _Track:
@@ -139,18 +146,20 @@ def _read_track(
         if settled.note:
             say(settled.note)
         return smpl_track(motion, body, unit=settled.metres, up=up or motion.up, origin=origin)
+    rest = np.eye(3)  # from the rest pose of the motion's file to the body's
     if suffix == ".h5":
         track = _sequence(path)
     elif suffix in (".glb", ".gltf"):
         from garment_jax.formats.gltf import read_animation
 
         track = _Track(*_reordered(read_animation(path, fps=fps or 30.0)))
+        rest = turn_to_y_up(rest_up or "Y")
     else:
         raise ValueError(f"{path} is no motion that is known; give one of {', '.join(SUFFIXES)}.")
     turn, metres = turn_to_y_up(up or "Y"), metres_per_unit(unit or 1.0)
     if unit is None and up is None:
         return track
-    return track._replace(rotations=turn @ track.rotations, root=metres * track.root @ turn.T)
+    return track._replace(rotations=turn @ track.rotations @ rest.T, root=metres * track.root @ turn.T)
 
 
 def _reordered(animation: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], float]:

@@ -99,6 +99,7 @@ class Wardrobe:
             centre=centre,
             unit=o.unit.get("motion"),
             up=o.up.get("motion"),
+            rest_up=o.up.get("body"),
             origin=origin,
         )
 
@@ -157,7 +158,10 @@ def list_motions(options: Options) -> list[Path]:
     for path in options.motions:
         if not path.exists():
             raise FileNotFoundError(f"{path} is not there; name motions, or folders of them, with --motion.")
-        inside = path.is_dir() and not any(file.suffix.lower() in MESHES for file in path.iterdir())
+        frames = (
+            readable == CACHES and path.is_dir() and any(p.suffix.lower() in MESHES for p in path.iterdir())
+        )
+        inside = path.is_dir() and not frames  # a mesh a frame is one motion
         found += (
             [p for p in in_order(list(path.iterdir())) if p.suffix.lower() in readable] if inside else [path]
         )
@@ -166,6 +170,16 @@ def list_motions(options: Options) -> list[Path]:
             f"{', '.join(map(str, options.motions))} holds no motions ({' '.join(readable)})."
         )
     return found
+
+
+def check_with_cloth(options: Options, path: Path, *, own_motion: bool = False) -> None:
+    """Raise `ValueError` for options that move the body and not its cloth; `own_motion`: both in one file."""
+    if options.floor:
+        raise ValueError(f"{path}: --floor would lift the body out of its cloth; leave it out.")
+    if options.skip and own_motion:
+        raise ValueError(
+            f"{path}: --skip {options.skip} would drop frames of the body and not of its cloth; leave it out."
+        )
 
 
 def check_on_body(template: np.ndarray, body: RiggedBody, path: Path, *, remedy: str) -> None:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from garment_jax.formats.virtual_bones import read_virtual_bones
-from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
-from garment_jax.intake.own_files import Wardrobe, settle_place
+from garment_jax.intake.mesh_clips import check_count, check_lengths, check_vertex_order, placed_windows
+from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 
 
@@ -17,6 +17,7 @@ def virtual_bones_sources(paths: Sequence[Path], options: Options) -> list[Sourc
     """
     if options.body is None:
         raise ValueError(f"{paths[0]}: the data has no body, only its poses; name a SMPL-H body with --body.")
+    check_with_cloth(options, paths[0], own_motion=True)
     garment = options.garment or paths[0].parent / "template.obj"
     wardrobe = Wardrobe(options._replace(garment=garment, source_fps=options.source_fps or options.fps))
 
@@ -35,5 +36,6 @@ def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
     place = settle_place(wardrobe.options, "clip", clip.vertices[0], path, up=clip.motion.up)
     check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
     motion = wardrobe.motion(path)
+    check_lengths(len(clip.vertices), len(motion.root), motion.fps, path, path)
     notes = (*dressed.notes, *place.notes)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)

@@ -7,8 +7,14 @@ import numpy as np
 
 from garment_jax.data.obj import read_garment
 from garment_jax.formats.vto import VtoClip, read_vto
-from garment_jax.intake.mesh_clips import check_count, check_vertex_order, frame_rate, placed_windows
-from garment_jax.intake.own_files import Wardrobe, settle_place
+from garment_jax.intake.mesh_clips import (
+    check_count,
+    check_lengths,
+    check_vertex_order,
+    frame_rate,
+    placed_windows,
+)
+from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 from garment_jax.structs import Garment
 
@@ -21,6 +27,7 @@ def vto_sources(paths: Sequence[Path], options: Options) -> list[Source]:
     The template is `--garment`, or the only OBJ in the folder above the clips'; its UVs are in metres and
     scaled into 0 … 1. Raises `ValueError` without a body and `FileNotFoundError` without a template.
     """
+    check_with_cloth(options, paths[0], own_motion=True)
     garment = options.garment or find_template(paths[0])
     fit = options.fit_uv or (not options.unwrap and _beyond(garment))
     wardrobe = Wardrobe(options._replace(garment=garment, fit_uv=fit))
@@ -60,6 +67,7 @@ def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
     )
     check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
     motion = wardrobe.motion(path, betas, fps=fps)
+    check_lengths(len(clip.vertices), len(motion.root), motion.fps, path, path)
     notes = (*dressed.notes, *clip.motion.notes)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)
 

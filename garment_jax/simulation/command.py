@@ -160,6 +160,7 @@ def motion_jobs(
     floor: bool = True,
     unit: str | None = None,
     up: str | None = None,
+    rest_up: str | None = None,
     origin: np.ndarray | None = None,
     say: Callable[[str], None] = print,
 ) -> list[Job]:
@@ -189,6 +190,7 @@ def motion_jobs(
             floor=floor,
             unit=unit,
             up=up,
+            rest_up=rest_up,
             origin=origin,
             say=say,
         )

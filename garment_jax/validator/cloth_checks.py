@@ -23,7 +23,7 @@ def check_cloth(clip: RawClip) -> list[Finding]:
     a wrong vertex order is not listed beside it."""
     scan = scan_clip(clip)
     found = [_finite(scan, clip)]
-    if scan.bad_frames.all():
+    if not len(scan.sampled):  # all that would be measured is not finite
         return found
     found.append(_static(scan))
     if found[-1].severity == "error":

@@ -21,6 +21,7 @@ PERSON = 1.6  # metres that a skeleton is taken to be high
 _LIMB = 0.25  # metres: what a joint's own turn moves, where there is no skeleton
 _POSES, _PLACES = ("poses", "pose", "smpl_poses"), ("trans", "translation", "smpl_trans")
 _RATES, _FRAMES = ("mocap_framerate", "mocap_frame_rate", "fps"), ("vertices", "sim_res")
+READ = (*_POSES, *_PLACES, *_RATES, *_FRAMES, "faces", "smpl_scaling")  # arrays that are looked at
 
 
 def check_bvh(path: Path, *, fps: float | None = None) -> list[Finding]:

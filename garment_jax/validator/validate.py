@@ -18,7 +18,7 @@ from garment_jax.structs import RiggedBody
 from garment_jax.validator.body_checks import LARGEST, SMALLEST, body_unit, body_up, check_body, extent
 from garment_jax.validator.clip_checks import check_clip
 from garment_jax.validator.clip_set import ClipFacts, check_set, clip_facts
-from garment_jax.validator.motion_checks import check_arrays, check_bvh, is_motion
+from garment_jax.validator.motion_checks import READ, check_arrays, check_bvh, is_motion
 from garment_jax.validator.point_checks import check_points, garment_unit
 from garment_jax.validator.raw_clip import RawClip
 
@@ -182,7 +182,7 @@ def _check_npz(path: Path, options: Options) -> tuple[str, list[Finding]]:
     if names.issuperset(_MODEL):
         return "body", _check_any_body(path)
     if is_motion(dict.fromkeys(names, True)):
-        return "motion", check_arrays(read_npz(path), fps=options.fps)
+        return "motion", check_arrays(read_npz(path, READ), fps=options.fps)
     if {"pins", "pin_weights"} <= names or {"body_vertices", "faces"} <= names:
         return "part", [Finding("readable", "ok", f"arrays {', '.join(sorted(names))}")]
     raise ValueError(

@@ -57,6 +57,8 @@ def view_files(
         raise ValueError(f"{len(paths)} files to view; give 1 to {MOST_FILES}.")
     if scale_cm is not None and not scale_cm > 0:
         raise ValueError(f"--scale-cm {scale_cm:g} must be above 0; leave it out for a round one.")
+    if Path(out).suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"--out {out} is no page; name one that ends in .html.")
     with ExitStack() as stack:
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         shown = choose(clips, truth=truth, start=start, stop=stop, every=every)

@@ -115,6 +115,17 @@ def test_the_obj_beside_a_cache_has_its_vertices_in_order(tmp_path: Path, clip: 
     np.testing.assert_array_equal(read_obj(tmp_path / "a_body.obj").faces, scene.body.faces)
 
 
+def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, capsys):
+    (tmp_path / "skirt.obj").write_text("v 0 0 0\n")
+    for name in ("skirt.pc2", "skirt.mdd"):
+        assert main(["export", str(clip), "--out", str(tmp_path / name)]) == 2
+        assert f"{tmp_path}/skirt.obj is there and no export wrote it" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["skirt.obj"]
+    assert (tmp_path / "skirt.obj").read_text() == "v 0 0 0\n"
+    for _ in range(2):  # its own it replaces
+        assert main(["export", str(clip), "--out", str(tmp_path / "a.pc2")]) == 0
+
+
 def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):
     assert main(["export", str(clip), "--format", "pc2", "--out", str(tmp_path / "a.pc2"), "--no-body"]) == 0
     said = capsys.readouterr().out
@@ -195,4 +206,6 @@ def test_a_frame_that_is_not_finite_is_named(tmp_path: Path):
         file["vertices"][1, 5] = np.nan
     with pytest.raises(ValueError, match="frame 1 is not finite; predict it again"):
         export_file(path, tmp_path / "a.mdd")
+    with pytest.raises(ValueError, match="vertex 5 of frame 1 is not finite"):
+        export_file(path, tmp_path / "a.glb")
     assert [file.name for file in tmp_path.iterdir()] == ["clip.h5"]

@@ -120,7 +120,7 @@ def explode(good: Path, folder: Path) -> None:
     shutil.copytree(good, warm)
     os.chdir(warm)
     for words in (VTO, ["amass.npz", *SMPL], BONES, cached("walk.pc2"), ["walk.bvh", *OWN]):
-        assert garment_jax(["import", *words, "--out", "clips"]) == 0
+        assert garment_jax(["import", *words, "--out", Path(words[0]).suffix]) == 0  # many are named walk
     before = peak()
     for case in BOMBS:
         spoil, name, words = CASES[case]

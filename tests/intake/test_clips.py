@@ -1,5 +1,6 @@
 """Importing foreign clips: each format gives the clip that its files were made from; skipping, refusals."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,9 +10,10 @@ import pytest
 from garment_jax.body.kinematics import pose_body
 from garment_jax.cli import main as garment_jax
 from garment_jax.data.sequence import Sequence, open_sequence
+from tests.intake.glb_files import glb_parts, write_glb
 from tests.intake.good_files import FRAMES, MOTION, SCENE, V, write_all, write_pc2, write_usd
 from tests.reference.files import write_bvh, write_obj
-from tests.reference.scene import skin
+from tests.reference.scene import make_motion, make_vertices, skin, write_clip
 
 OWN = ["--garment", "skirt.obj", "--body", "me.npz"]
 BVH = ["--motion", "walk.bvh"]
@@ -203,3 +205,114 @@ def test_clips_are_paired_with_motions_by_name(case: Path, capsys):
     shutil.copy(case / "walk.pc2", case / "fly.pc2")
     assert garment_jax(["import", "fly.pc2", *words[1:]]) == 2
     assert "fly.pc2 has 0 motions named 'fly' among run, walk; name each" in capsys.readouterr().err
+
+
+def test_what_was_not_made_from_the_same_file_is_never_replaced(case: Path, capsys):
+    write_clip(case / "data/train/walk.h5", 8)
+    before = (case / "data/train/walk.h5").read_bytes()
+    words = ["import", "walk.bvh", *OWN, "--fps", "30", "--out", "data"]
+    for split in ([], ["--test", "walk"]):
+        assert garment_jax([*words, *split]) == 2
+        err = capsys.readouterr().err
+        assert "data/train/walk.h5 is there and was made from no import, not from walk.bvh" in err
+    assert garment_jax(["import", "data/train/walk.h5", "--format", "motion", *OWN, "--out", "data"]) == 2
+    assert "data/train/walk.h5 is what is read; choose another --out." in capsys.readouterr().err
+    assert (case / "data/train/walk.h5").read_bytes() == before
+    assert not (case / "data/test").exists()
+    # a clip made from the same file is
+    assert garment_jax(["import", "walk.bvh", *OWN, "--fps", "30", "--out", "own"]) == 0
+    assert garment_jax(["import", "walk.bvh", *OWN, "--fps", "60", "--out", "own"]) == 0
+    with open_sequence("own/train/walk.h5") as clip:
+        assert clip.fps == 60
+
+
+def test_a_clip_to_test_on_is_not_left_among_those_to_train_on(case: Path, capsys):
+    words = ["import", "walk.pc2", *OWN, *BVH, "--out", "clips"]
+    assert garment_jax(words) == 0
+    assert garment_jax([*words, "--test", "walk"]) == 0
+    assert "clips/train/walk.h5 is gone: the clip is clips/test/walk.h5 now" in capsys.readouterr().out
+    assert [str(path) for path in Path("clips").rglob("*.h5")] == ["clips/test/walk.h5"]
+    with open_sequence("clips/test/walk.h5") as clip:
+        assert clip.attributes["split"] == "test"
+    assert garment_jax([*words, "--test", "walk"]) == 0
+    assert "already there" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["walk.pc2", *OWN, *BVH, "--floor"], "walk.pc2: --floor would lift the body out of its cloth"),
+        (["skirt", "--body", "smpl.pkl", "--skip", "2"], "--skip 2 would drop frames of the body"),
+        (["dress02", "--body", "smpl.pkl", *LYING, "--skip", "1"], "--skip 1 would drop frames of the body"),
+        (["skirt", "--body", "smpl.pkl", "--source-fps", "60"], "6 frames and its motion 3 at 30 fps; leave"),
+    ],
+)  # fmt: skip
+def test_options_that_part_body_and_cloth_are_refused(case: Path, words, sentence, capsys):
+    assert garment_jax(["import", *words, "--out", "clips"]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not list(Path("clips").rglob("*.h5"))
+
+
+@pytest.mark.parametrize("fps", [23.976, 29.97, 59.94])
+def test_rates_of_television_lose_no_frame(case: Path, fps: float):
+    motion = make_motion(SCENE, 40, fps=fps)
+    write_bvh(case / "tv.bvh", SCENE.body, motion)
+    write_pc2(case / "tv.pc2", make_vertices(SCENE, motion))
+    words = ["import", "tv.pc2", *OWN, "--motion", "tv.bvh", "--fps", str(fps), "--out", "clips"]
+    assert garment_jax(words) == 0
+    with open_sequence("clips/train/tv.h5") as clip:
+        assert clip.frames == 40
+
+
+def test_a_gltf_keeps_its_time(case: Path, capsys):
+    words = ["import", "me.glb", "--garment", "skirt.obj", "--body", "me.glb", "--out", "clips"]
+    assert garment_jax([*words, "--source-fps", "60"]) == 2
+    assert "me.glb: a glTF's keys have times in seconds; leave --source-fps out." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["--body-up", "Z"], ["--body-up", "Z", "--motion-up", "Z"], ["--up", "Z", "--garment-up", "Y"]]
+)
+def test_a_body_and_motion_that_stand_z_up_are_turned(case: Path, words: list[str]):
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)  # Y up to Z up
+    body = SCENE.body._replace(vertices=SCENE.body.vertices @ turn.T, joints=SCENE.body.joints @ turn.T)
+    motion = MOTION._replace(rotations=turn @ MOTION.rotations @ turn.T, root=MOTION.root @ turn.T)
+    write_glb(case / "z.glb", body, motion)
+    assert (
+        garment_jax(["import", "z.glb", "--garment", "skirt.obj", "--body", "z.glb", *words, "--out", "c"])
+        == 0
+    )
+    with open_sequence("c/train/z.h5") as clip:
+        check_body(clip, 2e-3)
+
+
+def test_a_changed_buffer_beside_a_gltf_is_noticed(case: Path):
+    words = ["import", "me2.gltf", "--garment", "skirt.obj", "--body", "me2.gltf", "--out", "clips"]
+    for seed in (0, 5):
+        motion = make_motion(SCENE, FRAMES, seed=seed)
+        document, binary = glb_parts(SCENE.body, motion)
+        document["buffers"][0]["uri"] = "me2.bin"
+        (case / "me2.gltf").write_text(json.dumps(document))
+        (case / "me2.bin").write_bytes(binary)
+        assert garment_jax(words) == 0
+        with open_sequence("clips/train/me2.h5") as clip:
+            np.testing.assert_allclose(clip.motion.rotations, motion.rotations, atol=1e-3)
+
+
+def test_a_changed_layer_of_a_usd_stage_is_noticed(case: Path):
+    pytest.importorskip("pxr")
+    said = 'subLayers=[@./geo.usda@]\nmetersPerUnit = 1\nupAxis = "Y"\ntimeCodesPerSecond = 30'
+    (case / "walk.usda").write_text(f"#usda 1.0\n(\n{said}\n)\n")
+    for lift in (0.0, 0.05):
+        moved = V + np.float32(lift) * np.arange(FRAMES, dtype=np.float32)[:, None, None]
+        write_usd(case / "geo.usda", moved)
+        assert garment_jax(["import", "walk.usda", *OWN, *BVH, "--out", "clips"]) == 0
+        with open_sequence("clips/train/walk.h5") as clip:
+            assert np.abs(clip.read(0, FRAMES) - moved).max() < HALF_STEP + 1e-6
+
+
+def test_motions_in_a_folder_with_a_mesh_are_found(case: Path):
+    (case / "moves").mkdir()
+    shutil.copy(case / "walk.bvh", case / "moves")
+    shutil.copy(case / "skirt.obj", case / "moves/body.obj")
+    assert garment_jax(["import", "walk.pc2", *OWN, "--motion", "moves", "--out", "clips"]) == 0

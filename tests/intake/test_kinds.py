@@ -7,6 +7,7 @@ import pytest
 from garment_jax.intake.kinds import find_kind, in_order, list_clips
 from tests.data.packed import write_packed
 from tests.intake.good_files import write_all
+from tests.reference.scene import write_clip
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +40,18 @@ def test_each_format_is_recognised(case: Path, name: str, kind: str):
 def test_packed_clips_are_recognised(tmp_path: Path):
     clip = write_packed(tmp_path)
     assert find_kind([clip]) == find_kind([clip.parent]) == "packed"
+
+
+def test_a_sequence_file_is_a_motion(tmp_path: Path):
+    clip = write_clip(tmp_path / "seq.h5", 3)
+    assert find_kind([tmp_path / "seq.h5"]) == find_kind([tmp_path]) == "motion", clip
+    assert list_clips([tmp_path], "motion") == [tmp_path / "seq.h5"]
+
+
+def test_a_cache_with_its_meshes_is_one_clip(tmp_path: Path):
+    for name in ("seq.pc2", "seq.obj", "seq_body.pc2", "seq_body.obj", "some_body.pc2"):
+        (tmp_path / name).touch()
+    assert list_clips([tmp_path], "meshes") == [tmp_path / "seq.pc2", tmp_path / "some_body.pc2"]
 
 
 def test_folders_list_their_clips(case: Path, tmp_path: Path):

@@ -14,7 +14,7 @@ from garment_jax.cli import main
 from garment_jax.data.sequence import open_sequence
 from garment_jax.validator.validate import list_files, validate_file, validate_files
 from tests.reference.files import write_body, write_bvh, write_obj
-from tests.reference.scene import make_scene
+from tests.reference.scene import make_scene, write_clip
 from tests.validator.broken_clips import (
     FRAMES,
     LENGTHS,
@@ -161,6 +161,25 @@ def test_a_fault_is_found_in_every_kind_of_file(tmp_path: Path, name: str):
     found, value = error_of(tmp_path / name)
     assert found == check
     assert words in value
+
+
+def test_what_a_motion_file_holds_besides_is_not_read(tmp_path: Path):
+    """AMASS's SMPL-X edition has a pickled table of markers, which no reader of ours touches."""
+    poses = np.zeros((6, 165))
+    poses[:, 4] = np.linspace(0, 0.1, 6)
+    markers = np.array({"C7": 3832}, dtype=object)
+    place = {"mocap_frame_rate": 30.0, "trans": np.zeros((6, 3)), "markers_latent_vids": markers}
+    np.savez(tmp_path / "walk.npz", poses=poses, **place)
+    report = validate_file(tmp_path / "walk.npz")
+    assert not [f for f in report.findings if f.severity == "error"], report.findings
+
+
+def test_the_only_measured_frame_may_be_broken(tmp_path: Path):
+    path = write_clip(tmp_path / "x.h5", 8, encoding="float32")
+    with h5py.File(path, "r+") as file:
+        file["vertices"][0, 3] = np.nan
+    check, value = error_of(path)
+    assert (check, value) == ("NaN", "1 vertices in 1 frames are not finite")
 
 
 def test_one_damaged_file_does_not_stop_the_others(tmp_path: Path, capsys):

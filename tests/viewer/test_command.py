@@ -79,6 +79,16 @@ def test_numbers_out_of_range_are_refused(pair, tmp_path):
         view_files(pair, tmp_path / "p.html", scale_cm=-1)
 
 
+@pytest.mark.parametrize("name", ["a.h5", "b.h5", "folder"])
+def test_only_a_page_is_written(tmp_path, name):
+    path = write_clip(tmp_path / "a.h5", 4)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=f"{name} is no page; name one that ends in .html"):
+        view_files([path], tmp_path / name)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+    assert path.read_bytes() == before
+
+
 def test_the_command_line_says_what_it_wrote_and_refuses_in_a_sentence(pair, tmp_path, capsys):
     out = tmp_path / "new" / "p.html"
     assert main(["view", str(pair[0]), str(pair[1]), "--out", str(out), "--no-body"]) == 0
