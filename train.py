@@ -33,6 +33,9 @@ def main() -> int:
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # between the stages, which save before they end
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return 130
     print(f"trained: {folder}")
     return 0
 

@@ -27,6 +27,24 @@ def test_import_then_info(tmp_path: Path, capsys):
     assert "waltz" in capsys.readouterr().out
 
 
+def test_evaluate_never_writes_over_what_it_reads(tmp_path: Path, capsys):
+    path = write_clip(tmp_path / "p.h5", 6)
+    before = path.read_bytes()
+    (tmp_path / "folder").mkdir()
+    for out, words in ((path, "is what is read"), (tmp_path / "folder", "is a folder")):
+        assert main(["evaluate", str(path), str(path), "--out", str(out)]) == 2
+        assert words in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_a_second_simulation_does_not_replace_the_first(tmp_path: Path, capsys):
+    path = write_clip(tmp_path / "p.h5", 6)
+    before = path.read_bytes()
+    assert main(["floor", str(path), "--out", str(path)]) == 2
+    assert "p.h5 is the clip itself; write to another file." in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
 def test_evaluate_prints_a_table_or_json(tmp_path: Path, capsys):
     for part in ("pred", "truth"):
         (tmp_path / part).mkdir()

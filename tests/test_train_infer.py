@@ -253,6 +253,15 @@ def quick_times(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GARMENT_JAX_CACHE", "off")
 
 
+def test_a_run_stopped_between_its_stages_says_how_to_go_on(config: str, tmp_path: Path, monkeypatch, capsys):
+    def stopped(*_, **__) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("garment_jax.training.pipeline.train", stopped)
+    assert call(train, [config, "--data", str(tmp_path)], monkeypatch) == 130
+    assert capsys.readouterr().err == "interrupted; the same command goes on\n"
+
+
 def test_the_plan_alone_writes_nothing(model, clip, monkeypatch, capsys, quick_times):
     words = [model, "--motion", clip, "--plan", "--no-detail"]
     assert call(infer, words, monkeypatch) == 0

@@ -68,11 +68,11 @@ class Plan:
         folder = self.out / "data" / f"{part:g}" / "train"
         folder.mkdir(parents=True, exist_ok=True)
         wanted = {path.name: path for path in self.clips_of(part)}
-        for path in folder.glob("*.h5"):
-            if path.name not in wanted:
-                path.unlink()
+        for link in folder.glob("*.h5"):  # those of other data go, too: it may have clips of the same names
+            if link.name not in wanted or link.resolve() != wanted[link.name].resolve():
+                link.unlink()
         for name, path in wanted.items():
-            if not (folder / name).exists():
+            if not (folder / name).is_symlink():
                 os.symlink(path.resolve(), folder / name)
         return folder.parent
 

@@ -112,15 +112,16 @@ def describe(plan: Plan, job: Job) -> str:
 def run_job(told: dict[str, Any], job: Job, *, timed_by: str = "") -> int:
     """Run one job in its own process and return its exit code; a signal is passed on once, then raised.
 
-    The terminal's Ctrl-C reaches the child by itself: passing it on as well would make two, and the second
-    one ends a training without saving.
+    The terminal's Ctrl-C reaches the child by itself, unless it is in a session of its own (`timed_by`):
+    passing it on as well would make two, and the second one ends a training without saving.
     """
     words = [*shlex.split(timed_by), *WORKER, json.dumps(told | {"job": told_job(job)})]
     got: list[int] = []
 
     def note(number: int, _frame: Any) -> None:
         got.append(number)
-        if child is not None and not (number == signal.SIGINT and _in_foreground()):
+        reached = number == signal.SIGINT and not timed_by and _in_foreground()
+        if child is not None and not reached:
             child.send_signal(number)
 
     child: subprocess.Popen | None = None

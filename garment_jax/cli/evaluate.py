@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from garment_jax.cli.pairs import pair_files
@@ -25,11 +26,22 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.command import evaluate_files
     from garment_jax.evaluation.table import format_table
+    from garment_jax.export.written_whole import written_whole
 
     pairs = pair_files(options.pred, options.truth)
+    if options.out is not None:
+        check_out(options.out, [path for pair in pairs for path in pair])
     figures = [evaluate_files(pred, truth, every=options.every) for pred, truth in pairs]
     text = json.dumps(figures if options.pred.is_dir() else figures[0])
+    print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
     if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(text + "\n")
-    print(text if options.json else format_table(figures, whole_body=options.whole_body))
+        with written_whole(options.out) as (temporary,):
+            temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def check_out(out: Path, read: Sequence[Path]) -> None:
+    """Raise `ValueError` for a file to write that is a folder, or among those that are `read`."""
+    if out.is_dir():
+        raise ValueError(f"--out {out} is a folder; name a file.")
+    if out.resolve() in {path.resolve() for path in read}:
+        raise ValueError(f"--out {out} is what is read; write to another file.")

@@ -28,6 +28,8 @@ def run(options: argparse.Namespace) -> None:
 
     if options.out is not None and len(options.clips) > 1:
         raise ValueError(f"--out {options.out} holds one clip, and {len(options.clips)} are given; name one.")
+    if options.out is not None and options.out.resolve() == options.clips[0].resolve():
+        raise ValueError(f"--out {options.out} is the clip itself; write to another file.")
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
     found = []

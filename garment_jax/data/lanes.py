@@ -4,6 +4,7 @@ The whole schedule is drawn from the seed at the start, so that window k is the 
 stopped and resumed.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,14 @@ class LaneWindow(NamedTuple):
     fresh: np.ndarray  # [L] bool, the lane begins with this window
     true_start: np.ndarray  # [L] bool, it began from a true frame (else from the skinned template)
     age: np.ndarray  # [L] frames since the lane began
+
+
+def check_window(lengths: Sequence[int], window: int) -> None:
+    """Raise `ValueError` unless a clip of `lengths` frames holds a window."""
+    if not any(length >= window for length in lengths):
+        raise ValueError(
+            f"motion.window = {window} frames, but the longest training clip has {max(lengths)}; shorten it."
+        )
 
 
 def make_schedule(
@@ -40,10 +49,7 @@ def make_schedule(
     """
     if lanes < 1 or lane_windows < 1:
         raise ValueError(f"{lanes} lanes of {lane_windows} windows are no training; give at least 1 of each.")
-    if not any(length >= window for length in lengths):
-        raise ValueError(
-            f"motion.window = {window} frames, but the longest training clip has {max(lengths)}; shorten it."
-        )
+    check_window(lengths, window)
     weights = np.array([length if length >= window else 0 for length in lengths], float)
     columns = [
         _lane(

@@ -21,6 +21,7 @@ from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.root_frame import to_root
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config
+from garment_jax.data.clip_digests import ClipDigests
 from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
@@ -90,7 +91,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
     seeds = make_seeds(scene, config.body.seeds)
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
     W = canonical_weights(scene, config)
-    train, validation, digest = [], [], hashlib.sha256()
+    train, validation, digest, digests = [], [], hashlib.sha256(), ClipDigests(cache)
     for path in paths:
         with open_sequence(path) as sequence:
             check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
@@ -102,7 +103,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
                 raise ValueError(
                     f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one."
                 )
-            key = _cache_key(path, sequence, config)
+            key = _cache_key(path, digests.of(path), sequence, config)
             digest.update(key.encode())
             clip = _prepare_clip(sequence, seeds, W, config, cache / key)
         if _is_named(path, config.data.validation):
@@ -136,9 +137,8 @@ def _is_named(path: Path, names: List[str]) -> bool:
     return path.stem in names
 
 
-def _cache_key(path: Path, sequence: Sequence, config: Config) -> str:
-    stat = path.stat()
-    parts = [path.stem, stat.st_size, stat.st_mtime_ns, scene_hash(sequence.scene)]
+def _cache_key(path: Path, content: str, sequence: Sequence, config: Config) -> str:
+    parts = [path.stem, content, scene_hash(sequence.scene)]
     parts += [config.body.seeds, config.body.tau, config.body.skin_iterations]
     # what came later counts where it is used, so that older names hold
     parts += [config.generative.skin_reach, config.data.mirror] if config.generative.skin_reach else []

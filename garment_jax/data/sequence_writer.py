@@ -14,6 +14,7 @@ from garment_jax.data.guarded_file import GuardedFile
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
+INT16_REACH = 0.99 * 32_767 * DEFAULT_SCALE  # metres from the root, with room for rounding
 MOTION_ONLY = "motion"  # attribute `kind` of a file without vertices
 _CHUNK_BYTES = 262_144  # a few hundred kB: one window is a few chunks, one frame never costs a clip
 
@@ -91,6 +92,8 @@ class SequenceWriter:
         self._check_disk()
 
     def __enter__(self) -> "SequenceWriter":
+        if self.path.is_dir():
+            raise ValueError(f"{self.path} is a folder; name a sequence file (.h5).")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._disk = GuardedFile(self._temporary)

@@ -4,12 +4,11 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.data.sequence_writer import DEFAULT_SCALE
+from garment_jax.data.sequence_writer import INT16_REACH
 from garment_jax.data.validation import STILL, check_motion, check_scene
 from garment_jax.intake.sources import ForeignClip
 
 WINDOW = 64  # frames in memory at once
-_REACH = 32_767 * DEFAULT_SCALE * 0.99  # metres from the root that int16 holds
 _APART = 0.5  # metres between garment and body that mean another unit, up axis or motion
 
 
@@ -39,7 +38,7 @@ def choose_encoding(clip: ForeignClip, where: str) -> str:
     encoding, start = "int16", 0
     for V in clip.windows(WINDOW):
         _check_finite(V, start, where)
-        if np.abs(V - clip.motion.root[start : start + len(V), None]).max() > _REACH:
+        if np.abs(V - clip.motion.root[start : start + len(V), None]).max() > INT16_REACH:
             encoding = "float32"
         low = V.min(axis=0) if low is None else np.minimum(low, V.min(axis=0))
         high = V.max(axis=0) if high is None else np.maximum(high, V.max(axis=0))

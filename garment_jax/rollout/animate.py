@@ -20,7 +20,8 @@ from garment_jax.body.root_frame import from_root
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.motion_input import MotionInput, motion_input
-from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
@@ -34,6 +35,7 @@ from garment_jax.rollout.rollers import make_roller
 from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import Motion, Scene
 
+_LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 
 
@@ -203,6 +205,7 @@ def animate_file(
     with open_sequence(clip) as sequence:
         check_input(sequence, joints=model.config.body.motion_joints)
         scene, motion, name = sequence.scene, sequence.motion, sequence.name
+        encoding, scale = _stored_as(sequence)
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
     model = model if plan.dynamics else without_dynamics(model)
@@ -220,7 +223,7 @@ def animate_file(
         name=name,
     )
     pieces = run(motion, preroll=preroll, name=name)
-    with SequenceWriter(out, scene, motion, attributes=attributes) as writer:
+    with SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes) as writer:
         for piece in pieces:
             writer.append(piece.V)
             frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
@@ -243,6 +246,17 @@ def animate_file(
             file=sys.stderr,
         )
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
+
+
+def _stored_as(sequence: Sequence) -> tuple[str, float]:
+    """Return encoding and scale of a prediction: the clip's, and float32 for a long garment.
+
+    A train or a long cape may swing out of int16's reach where its template is not far from it.
+    """
+    body, template = sequence.scene.body, sequence.scene.garment.template
+    reach = float(np.linalg.norm(template - body.joints[:1], axis=1).max())
+    long = sequence.encoding == "float32" or reach > _LONG * INT16_REACH
+    return ("float32" if long else "int16"), sequence.scale or DEFAULT_SCALE
 
 
 def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarray, str]:

@@ -71,7 +71,8 @@ def _path(folder: Path | None, model: Model, scene: Scene) -> Path | None:
     if folder is None:
         return None
     faces = 0 if scene.collider is None else len(scene.collider.faces)
-    facts = (surroundings(), repr(model.config), sorted(model.params), faces)
+    garment = (model.vertices, model.garment_hash)
+    facts = (surroundings(), repr(model.config), sorted(model.params), garment, faces)
     return folder / f"times-{hashlib.sha256(repr(facts).encode()).hexdigest()[:32]}.json"
 
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.data.content_hash import scene_hash, stored_hash
-from garment_jax.data.sequence import SequenceWriter
+from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.simulation.progress import FrameProgress
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
@@ -195,6 +195,8 @@ def _simulate_one(
         "screen": json.dumps(screen._asdict()),
         "simulated_on": platform.machine(),
     }
-    with SequenceWriter(path, scene, job.motion, attributes=attributes) as writer:
+    far = np.abs(V - job.motion.root[:, None]).max() > INT16_REACH
+    encoding = "float32" if far else "int16"
+    with SequenceWriter(path, scene, job.motion, encoding=encoding, attributes=attributes) as writer:
         writer.append(V)
     return Outcome(job.name, path, seconds, screen, [])

@@ -54,7 +54,7 @@ class Solve(NamedTuple):
     before: float  # deepest vertex of the input
     after: float  # deepest vertex that no two crossing parts of the body hold between them
     trapped: int  # vertices that they do
-    short: float  # how far the nearest vertex is from being outside by the margin; 0 where it is
+    short: float  # how far the nearest of the others is from being outside by the margin; 0 where it is
     outcome: Outcome
 
 
@@ -124,12 +124,13 @@ def solve(
     resolved = np.asarray(result.V)
     after, held = _measure(resolved, C, contact, crossing)
     before, _ = _measure(V, C, contact, crossing)
+    free = np.where(held, np.inf, after).min()  # a NaN stays one
     return Solve(
         resolved,
         max(0.0, -1e3 * float(before.min())),
-        float(np.maximum(0.0, -1e3 * np.where(held, np.inf, after).min())),  # a NaN stays one
+        float(np.maximum(0.0, -1e3 * free)),
         int(held.sum()),
-        float(np.maximum(0.0, 1e3 * (eps - slack - after.min()))),
+        float(np.maximum(0.0, 1e3 * (eps * (1 - slack) - free))),
         Outcome(int(result.outcome)),
     )
 

@@ -5,9 +5,11 @@ from typing import Any
 
 import jax
 
-from garment_jax.config import Config
+from garment_jax.config import Config, to_dict
+from garment_jax.data.lanes import check_window
+from garment_jax.data.prepared import DataSet
 from garment_jax.rollout.model import Model, from_metadata, load_model, model_facts
-from garment_jax.training.run_directory import CHECKPOINTS, STAGES
+from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config
 
 
 def train(
@@ -44,7 +46,13 @@ def train(
     last = STAGES.index("dynamics" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
-    run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard)
+
+    def check(data: DataSet) -> None:
+        if stage != "generative":  # which sees single frames; the others would refuse after hours
+            lengths = [len(clip.V) for clip in data.train]
+            check_window(lengths, (config.dynamics if stage == "dynamics" else config.motion).window)
+
+    run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard, check=check)
     with run.log:
         if stage != "dynamics":  # which needs none of the others
             generative = train_generative(run)
@@ -87,4 +95,7 @@ def trained_model(path: str | Path) -> Model:
             )
     if "detail" in found:
         found["detail"] = found["detail"]["G"]
+    if (path / CONFIG_NAME).is_file():  # its checkpoints alone are a model, too
+        used = to_dict(run_config(path))  # which a later call of train.py may have changed
+        metadata["config"] |= {section: used[section] for section in ("collision", "rollout")}
     return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found))

@@ -38,14 +38,18 @@ def open_run(
     data_dir: str | Path,
     tensorboard: bool = False,
     more_facts: Mapping[str, Any] | None = None,
+    check: Callable[[DataSet], None] | None = None,
 ) -> Run:
     """Prepare the data (cached in the run's folder) and open or create the run.
 
     `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
-    Raises `ValueError` for a folder that belongs to others.
+    `check` refuses data before the folder belongs to a configuration that does not fit them. Raises
+    `ValueError` for a folder that belongs to others.
     """
     folder = Path(folder)
     data = prepare(data_dir, config, folder / "cache")
+    if check is not None:
+        check(data)
     facts = {"garment": garment_hash(data.scene.garment), "data": data.content, **(more_facts or {})}
     prepare_run(folder, config, facts=facts)
     template = scene_template(data.scene, data.statistics, config)

@@ -1,5 +1,6 @@
 """What is done in which order, what is shared, and what a change of the file makes anew."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,21 @@ def test_parts_are_nested_keep_the_validation_clip_and_are_linked(tmp_path: Path
     assert plan.data_dir(1.0) == plan.data
     counts = [{p.stem for p in plan.clips_of(part)} for part in (0.1, 0.5, 1.0)]
     assert counts[0] <= counts[1] <= counts[2]
+
+
+def test_parts_follow_the_data_where_clips_have_the_same_names(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path)
+    first = plan.data_dir(0.5)
+    elsewhere = tmp_path / "moved"
+    shutil.copytree(plan.data, elsewhere)
+    other = Plan(plan.loaded, elsewhere, plan.out)
+    linked = sorted((other.data_dir(0.5) / "train").glob("*.h5"))
+    assert [path.resolve() for path in linked] == [
+        (elsewhere / "train" / path.name).resolve() for path in linked
+    ]
+    shutil.rmtree(elsewhere)  # links that dangle
+    assert plan.data_dir(0.5) == first
+    assert all(path.resolve().is_file() for path in (first / "train").glob("*.h5"))
 
 
 def test_only_some_rows(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -114,6 +115,21 @@ def test_a_command_may_run_the_measurement(tmp_path: Path, monkeypatch: pytest.M
     program = "import os, sys; sys.exit(7 if os.environ.get('MEASURED') == '1' else 0)"
     monkeypatch.setattr(runner, "WORKER", (sys.executable, "-c", program))
     assert runner.run_job({}, job(tmp_path), timed_by="env MEASURED=1") == 7
+
+
+def test_ctrl_c_is_passed_to_a_child_in_a_session_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = (
+        f"import os, signal, sys, time\nos.kill({os.getpid()}, signal.SIGINT)\n"
+        "try: time.sleep(60)\nexcept KeyboardInterrupt: sys.exit(130)\n"
+    )
+    monkeypatch.setattr(runner, "WORKER", (sys.executable, "-c", program))
+    monkeypatch.setattr(runner, "_in_foreground", lambda: True)  # whose Ctrl-C does not reach that session
+    began = time.monotonic()
+    with pytest.raises(runner.StoppedError):
+        runner.run_job({}, job(tmp_path), timed_by="env")
+    assert time.monotonic() - began < 30
 
 
 def test_a_signal_reaches_the_child_and_stops_the_benchmark(

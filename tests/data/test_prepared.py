@@ -1,4 +1,5 @@
 import dataclasses
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -160,7 +161,8 @@ def test_large_arrays_stay_on_disk(data):
 def test_the_cache_is_used_again_until_a_setting_that_shapes_it_changes(folder, tmp_path, capsys):
     first = prepare(folder, CONFIG, tmp_path)
     assert capsys.readouterr().err.count("prepare:") == 3
-    assert len(list(tmp_path.iterdir())) == 6  # and no half-written file
+    assert len(list(tmp_path.glob("*.npy"))) == 6
+    assert len(list(tmp_path.iterdir())) == 7  # and the clips' hashes, and no half-written file
     again = prepare(folder, CONFIG, tmp_path)
     assert "prepare:" not in capsys.readouterr().err
     assert again.content == first.content
@@ -168,6 +170,18 @@ def test_the_cache_is_used_again_until_a_setting_that_shapes_it_changes(folder, 
     other = dataclasses.replace(CONFIG, body=dataclasses.replace(CONFIG.body, tau=0.05))
     assert prepare(folder, other, tmp_path).content != first.content
     assert capsys.readouterr().err.count("prepare:") == 3
+
+
+def test_a_copy_of_the_clips_is_the_same_data_and_a_changed_clip_is_not(folder, tmp_path, capsys):
+    first = prepare(folder, CONFIG, tmp_path / "cache")
+    shutil.copytree(folder, tmp_path / "copy", copy_function=shutil.copy)  # without their times
+    assert capsys.readouterr().err.count("prepare:") == 3
+    again = prepare(tmp_path / "copy", CONFIG, tmp_path / "cache")
+    assert again.content == first.content
+    assert "prepare:" not in capsys.readouterr().err
+    path = write(tmp_path / "copy" / "train" / "samba.h5", 7)
+    assert prepare(tmp_path / "copy", CONFIG, tmp_path / "cache").content != first.content, path
+    assert capsys.readouterr().err.count("prepare:") == 1
 
 
 def test_without_mirroring_there_are_no_images_and_a_lopsided_garment_will_do(folder, tmp_path):

@@ -157,6 +157,15 @@ def test_an_error_keeps_the_older_file(tmp_path, scene, motion):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_folder_is_refused_before_anything_is_written(tmp_path, scene, motion):
+    with (
+        pytest.raises(ValueError, match=r"is a folder; name a sequence file"),
+        SequenceWriter(tmp_path, scene, motion),
+    ):
+        pytest.fail("entered")
+    assert not list(tmp_path.iterdir())
+
+
 def test_folder_that_is_a_file_is_refused(tmp_path, scene, motion):
     (tmp_path / "file").write_text("")
     with (

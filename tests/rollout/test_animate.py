@@ -10,6 +10,7 @@ from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.config import RolloutConfig
+from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.rollout.animate import animate, animate_file, training_range
@@ -77,6 +78,21 @@ def test_a_motion_without_vertices_is_animated_and_so_is_a_frozen_pose(tmp_path:
     with open_sequence(tmp_path / "out.h5") as sequence:
         assert (sequence.encoding, sequence.attributes["kind"]) == ("int16", "predicted")
         np.testing.assert_allclose(sequence.read(0, 20), frames_of(tiny_model(), frozen), atol=5e-5)
+
+
+def test_a_garment_that_may_swing_out_of_int16s_reach_is_stored_as_float32(tmp_path: Path):
+    garment = SCENE.garment
+    down = np.where(garment.template[:, 1:2] < garment.template[:, 1].mean(), 1.2, 0.0) * [[0.0, 1.0, 0.0]]
+    long = SCENE._replace(garment=garment._replace(template=(garment.template - down).astype(np.float32)))
+    motion, model = make_motion(long, 5), tiny_model()._replace(garment_hash=garment_hash(long.garment))
+    for name, encoding in (("float32", "float32"), ("none", "float32")):
+        with SequenceWriter(tmp_path / f"{name}.h5", long, motion, encoding=name) as writer:
+            if name != "none":
+                writer.append(np.repeat(long.garment.template[None], 5, axis=0))
+        animate_file(model, tmp_path / f"{name}.h5", tmp_path / "out.h5", collision=False)
+        with open_sequence(tmp_path / "out.h5") as sequence:
+            assert sequence.encoding == encoding
+            assert np.isfinite(sequence.read(0, 5)).all()
 
 
 @pytest.mark.parametrize("preroll", [1, 16, 21])

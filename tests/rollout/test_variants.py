@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from garment_jax.generative.network import decode
-from garment_jax.rollout.calibration import frame_times
+from garment_jax.rollout.calibration import _path, frame_times
 from garment_jax.rollout.variants import (
     FILE,
     VARIANTS,
@@ -127,3 +127,9 @@ def test_times_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.Mo
     assert measured == [VARIANTS["whole"], VARIANTS["no detail"]]
     assert frame_times(tiny_model(), SCENE, motion, ["whole"])["whole"] == 1.5  # without a folder too
     assert len(measured) == 3
+
+
+def test_times_of_one_garment_are_not_anothers(tmp_path: Path):
+    model = tiny_model()
+    others = (model._replace(vertices=3000), model._replace(garment_hash="another"))
+    assert len({_path(tmp_path, m, SCENE) for m in (model, *others)}) == 3

@@ -1,5 +1,7 @@
 """The stiff and the deep cases, which share one compiled solve."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,20 @@ def test_a_solver_that_does_nothing_and_says_all_is_well_is_red(monkeypatch: pyt
     lines = reds(deep.deep_cases(armless()).cases)
     assert any("5 cm into the hip: deepest after" in line for line in lines)
     assert any("5 cm into the hip: the solver says CONVERGED" in line for line in lines)
+
+
+@pytest.mark.parametrize("eps", [1e-3, 1e-2, 4e-2])
+def test_a_solver_that_leaves_out_the_margin_and_says_all_is_well_is_red(
+    eps, monkeypatch: pytest.MonkeyPatch
+):
+    """Its cloth is outside everywhere, but a hundredth of a millimetre, not `eps`."""
+    made = contact.make_contact(small_subject().scene)
+    n = len(made.T)
+    monkeypatch.setattr(contact, "_resolve", lambda V, *_: SimpleNamespace(V=V, outcome=Outcome.CONVERGED))
+    monkeypatch.setattr(contact, "_measure", lambda *_: (np.full(n, 1e-5), np.zeros(n, bool)))
+    solve = contact.solve(made, made.T, eps=eps)
+    assert solve.short == pytest.approx(1e3 * (0.95 * eps - 1e-5), rel=1e-3)
+    assert [c.verdict for c in contact.contact_cases("g", "c", solve)] == [GREEN, RED]
 
 
 @pytest.mark.parametrize(

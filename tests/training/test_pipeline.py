@@ -198,6 +198,24 @@ def test_the_run_is_a_model_and_16_bits_of_it_animate_alike(
     assert 0 < np.sqrt(np.square(made[1] - made[0]).sum(axis=-1).mean()) < 0.01
 
 
+def test_how_a_run_is_used_may_change_afterwards(tmp_path: Path, data_dir: Path, uninterrupted: Path):
+    from shutil import copytree
+
+    copytree(uninterrupted, tmp_path / "run")
+    collision = replace(CONFIG.collision, eps=0.002, limbs=not CONFIG.collision.limbs)
+    changed = replace(CONFIG, collision=collision)
+    train(changed, tmp_path / "run", data_dir=data_dir)
+    assert trained_model(tmp_path / "run").config == changed
+
+
+def test_clips_shorter_than_a_window_are_refused_before_anything_is_trained(tmp_path: Path, data_dir: Path):
+    wide = replace(CONFIG, motion=replace(CONFIG.motion, window=21))
+    with pytest.raises(ValueError, match=r"motion\.window = 21 frames, but the longest training clip has 20"):
+        train(wide, tmp_path / "run", data_dir=data_dir)
+    assert not (tmp_path / "run" / "config.toml").exists()  # or the remedy would be another run's
+    assert not (tmp_path / "run" / "checkpoints").exists()
+
+
 def test_a_run_that_goes_on_animates_with_what_it_has(tmp_path: Path, data_dir: Path, uninterrupted: Path):
     """Before the detail stage, and before the motion stage's first checkpoint, there is a model already."""
     from shutil import copytree
