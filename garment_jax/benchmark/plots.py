@@ -2,17 +2,20 @@
 
 import io
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from garment_jax.benchmark.front import pareto_front
+from garment_jax.benchmark.labels import RINGS, place_labels
 from garment_jax.benchmark.records import Records, RowRecord, first_error, is_ours, spread, training_seconds
 from garment_jax.benchmark.tables import PREVIOUS, WITHOUT
 
 OURS_INK, OTHER_INK, FLOOR_INK = "#c2502e", "#3b6b9e", "#4d7f4d"
+
+CROWD, MANY = 1.06, 6  # rows so near the best one, and so many of them, are enlarged
 
 
 def all_plots(records: Records, lengths: Sequence[int]) -> dict[str, str]:
@@ -28,18 +31,19 @@ def all_plots(records: Records, lengths: Sequence[int]) -> dict[str, str]:
 
 
 def pareto_plot(records: Records) -> str:
-    """RMSE against milliseconds a frame (log), every timed rollout row, the front drawn."""
+    """RMSE against milliseconds a frame (log), every timed rollout row, the front drawn, a crowd enlarged."""
     shown = [(r, spread(r, "rmse_cm")) for r in records.rows if r.time and not r.reconstructs]
     shown = [(r, found) for r, found in shown if found is not None]
-    figure, axes = _figure(height=6.4)
+    figure, axes = _figure(height=7.2)
     points = [(r.time["ms_per_frame"], found.mean) for r, found in shown if r.time]
     top = _top([y for _, y in points])
+    marks = []
     for k, ((r, found), (x, y)) in enumerate(zip(shown, points, strict=True), start=1):
         ink, mark = (OURS_INK, "o") if is_ours(r) else (OTHER_INK, "s")
-        at, mark = (y, mark) if y <= top else (top, "^")
-        axes.errorbar(x, at, yerr=None if at < y else found.std, fmt=mark, ms=5, color=ink, capsize=2, lw=1)
-        axes.annotate(str(k), (x, at), xytext=(5, 4), textcoords="offset points", fontsize=8, color=ink)
-        axes.plot([], [], mark, ms=5, color=ink, label=f"{k}  {r.row.title}: {y:.2f} cm, {x:.2g} ms")
+        marks.append(_Mark(k, x, y, found.std, ink, mark) if y <= top else _Mark(k, x, top, None, ink, "^"))
+        axes.plot(
+            [], [], marks[-1].shape, ms=5, color=ink, label=f"{k}  {r.row.title}: {y:.2f} cm, {x:.2g} ms"
+        )
     front = [points[i] for i in pareto_front(points)]
     if front:
         line = {"color": "0.45", "lw": 1, "ls": "--", "label": "Pareto front", "zorder": 0}
@@ -52,7 +56,71 @@ def pareto_plot(records: Records) -> str:
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
-    return _svg(figure, axes, empty=not shown, beside=True)
+    _draw(axes, marks)
+    crowd = [m for m in marks if m.y <= CROWD * min(m.y for m in marks)]
+    enlarged = _enlarged(axes, records, crowd) if records.floor and len(crowd) >= MANY else None
+    if enlarged is not None:
+        _draw(enlarged, crowd)
+    beside = [(axes, [m for m in marks if enlarged is None or m not in crowd])]
+    beside += [] if enlarged is None else [(enlarged, crowd)]
+    return _svg(figure, axes, empty=not shown, beside=True, numbered=beside)
+
+
+class _Mark(NamedTuple):
+    """A row in the plot."""
+
+    number: int
+    x: float
+    y: float
+    error: float | None
+    ink: str
+    shape: str
+
+
+def _draw(axes: Any, marks: Sequence[_Mark]) -> None:
+    for m in marks:
+        axes.errorbar(m.x, m.y, yerr=m.error, fmt=m.shape, ms=5, color=m.ink, capsize=2, lw=1)
+
+
+def _enlarged(axes: Any, records: Records, crowd: Sequence[_Mark]) -> Any:
+    """Return axes that enlarge the best rows, between them and the floor, where none can be, if it is wide."""
+    low, high = axes.get_ylim()
+    floor = float(np.mean([f["rmse_cm"] for f in records.floor or ()]))
+    bottom, best = ((y - low) / (high - low) for y in (floor, min(m.y for m in crowd)))
+    if best - bottom < 0.35:
+        return None
+    inset = axes.inset_axes((0.08, bottom + 0.08, 0.88, best - bottom - 0.16))
+    x, y = np.log10([m.x for m in crowd]), [m.y for m in crowd]
+    inset.set(xscale="log", xlim=10 ** (np.array([min(x), max(x)]) + [-0.04, 0.04]))
+    inset.set_ylim(min(y) - 0.15 * np.ptp(y), max(y) + 0.15 * np.ptp(y))
+    inset.xaxis.set_major_locator(LogLocator(subs=tuple(range(1, 10))))
+    inset.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    inset.xaxis.set_minor_formatter(NullFormatter())
+    inset.tick_params(labelsize=7)
+    inset.grid(color="0.92", lw=0.6)
+    axes.indicate_inset_zoom(inset, edgecolor="0.6")
+    return inset
+
+
+def _number(figure: Any, axes: Any, marks: Sequence[_Mark]) -> None:
+    """Write the rows' numbers beside their marks, with a line to those that are crowded out."""
+    per_point = figure.dpi / 72
+    places = axes.transData.transform([(m.x, m.y) for m in marks]) / per_point
+    sizes = [(5.0 * len(str(m.number)) + 1, 8.0) for m in marks]
+    line = {"arrowstyle": "-", "lw": 0.5, "shrinkA": 4, "shrinkB": 2}
+    for m, offset in zip(marks, place_labels([tuple(p) for p in places], sizes), strict=True):
+        far = np.hypot(*offset) > 1.2 * RINGS[0]
+        axes.annotate(
+            str(m.number),
+            (m.x, m.y),
+            xytext=tuple(offset),
+            textcoords="offset points",
+            fontsize=8,
+            color=m.ink,
+            ha="center",
+            va="center",
+            arrowprops=line | {"color": m.ink} if far else None,
+        )
 
 
 def _top(errors: Sequence[float]) -> float:
@@ -205,7 +273,14 @@ def _figure(*, height: float = 4.0) -> tuple[Any, Any]:
     return figure, axes
 
 
-def _svg(figure: Any, axes: Any, *, empty: bool, beside: bool = False) -> str:
+def _svg(
+    figure: Any,
+    axes: Any,
+    *,
+    empty: bool,
+    beside: bool = False,
+    numbered: Sequence[tuple[Any, Sequence[_Mark]]] = (),
+) -> str:
     if empty:
         axes.text(
             0.5,
@@ -219,6 +294,11 @@ def _svg(figure: Any, axes: Any, *, empty: bool, beside: bool = False) -> str:
     elif axes.get_legend_handles_labels()[1]:
         where = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if beside else {"loc": "best"}
         axes.legend(frameon=False, fontsize=8, **where)
+    if numbered:
+        figure.canvas.draw()  # settles the layout, and with it where the marks are
+    for part, marks in numbered:
+        if marks:
+            _number(figure, part, marks)
     file = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "garment-jax"}):  # the same figures, the same bytes
         figure.savefig(file, format="svg", metadata={"Date": None})

@@ -10,7 +10,7 @@ import pytest
 
 from garment_jax.benchmark import pictures
 from garment_jax.benchmark.plan import ROLL, Plan
-from garment_jax.benchmark.plots import _top, all_plots
+from garment_jax.benchmark.plots import _enlarged, _figure, _Mark, _top, all_plots
 from garment_jax.benchmark.records import gather
 from garment_jax.benchmark.report import write_report
 from garment_jax.benchmark.runner import next_job
@@ -79,6 +79,26 @@ def test_every_row_is_in_the_pareto_plot(finished: Plan) -> None:
 )
 def test_one_error_far_above_the_others_does_not_set_the_axis(errors: list[float], top: float) -> None:
     assert _top(errors) == pytest.approx(top)
+
+
+@pytest.mark.parametrize(("floor", "room"), [(2.0, True), (3.8, False)])
+def test_a_crowd_is_enlarged_between_the_best_row_and_the_floor(
+    finished: Plan, floor: float, room: bool
+) -> None:
+    records = gather(finished)._replace(floor=[{"rmse_cm": floor}])
+    crowd = [_Mark(k, 2.0 + k, 4.0 + 0.02 * k, None, "r", "o") for k in range(6)]
+    _, axes = _figure()
+    axes.set(xscale="log", xlim=(0.1, 10.0), ylim=(1.5, 6.0))
+    inset = _enlarged(axes, records, crowd)
+    assert (inset is not None) is room
+    if room:
+        (left, low), (right, high) = axes.transData.inverted().transform(
+            inset.get_window_extent().get_points()
+        )
+        assert floor < low < high < 4.0
+        assert 0.1 < left < right < 10.0
+        assert all(inset.get_xlim()[0] < m.x < inset.get_xlim()[1] for m in crowd)
+        assert all(inset.get_ylim()[0] < m.y < inset.get_ylim()[1] for m in crowd)
 
 
 def test_markdown_json_and_csv_say_the_same(finished: Plan) -> None:
