@@ -83,7 +83,7 @@ def _draw(axes: Any, marks: Sequence[_Mark]) -> None:
 
 
 def _enlarged(axes: Any, records: Records, crowd: Sequence[_Mark]) -> Any:
-    """Return axes that enlarge the best rows, between them and the floor, where none can be, if wide enough."""
+    """Return axes that enlarge the best rows, in the empty space above the floor, if that is wide enough."""
     low, high = axes.get_ylim()
     floor = float(np.mean([f["rmse_cm"] for f in records.floor or ()]))
     bottom, best = ((y - low) / (high - low) for y in (floor, min(m.y for m in crowd)))
