@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from garment_jax.config import Config
-from garment_jax.rollout.animate import Chunk
+from garment_jax.rollout.finish import Chunk
 from garment_jax.structs import Motion, Scene
 
 
@@ -32,9 +32,8 @@ class Runner(NamedTuple):
 
     params: Any  # pytree of arrays
     parameters: int  # numbers in it
-    # (scene, motion, name) -> chunks in the world frame, as `rollout.animate` without collision: begun
-    # from the skinned template where a method has a last frame, pins and the cloth beside them brought to the
-    # body exactly as for ours (`rollout.attachment`)
+    # (scene, motion, name) -> chunks in the world frame: begun from the skinned template where a method has a
+    # last frame, finished exactly as ours (`rollout.finish`)
     animate: Callable[[Scene, Motion, str], Iterator[Chunk]] | None = None
     # (scene, motions, name) -> V [t_i, n, 3] metres, root frames, side by side; pins as the method says
     rollout_batch: Callable[[Scene, Sequence[Motion], str], list[np.ndarray]] | None = None
@@ -51,4 +50,6 @@ class Method(NamedTuple):
     title: str  # as tables print it
     kind: Literal["rollout", "reconstruction"]  # reconstruction: true frames in, frames out
     fit: Callable[[Config, Path, Path], None]  # (config, run_dir, data_dir); `run_dir/model` appears last
-    load: Callable[[Path], Runner]  # run_dir -> runner; FileNotFoundError before `fit` has ended
+    # (run_dir, how limbs and collisions are handled; None: they are not, nor by a reconstruction) -> runner;
+    # FileNotFoundError before `fit` has ended
+    load: Callable[..., Runner]

@@ -33,7 +33,7 @@ from garment_jax.baselines.pan_residual import train_residual
 from garment_jax.baselines.pan_targets import bone_targets
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, train_recurrent
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.data.motion_input import motion_input
 from garment_jax.rollout.model import Model, template_for
 from garment_jax.structs import Motion, Scene
@@ -147,9 +147,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, partial(rollout, rig=rig, template=template))
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live)
+    return make_runner(fitted_model(run_dir), _live, collision)
 
 
 METHOD = Method("pan_2022", "Pan et al. 2022 (virtual bones)", "rollout", fit, load)

@@ -17,7 +17,7 @@ from garment_jax.baselines.fitting import finish_model, fitted_model, open_basel
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.principal import coefficients, principal_components
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.data.batches import spread_frames
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import frames_of
@@ -113,9 +113,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, run)
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live)
+    return make_runner(fitted_model(run_dir), _live, collision)
 
 
 STATIC = Method(

@@ -25,7 +25,7 @@ from garment_jax.baselines.principal import CHUNK, Components, coefficients, pri
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, recur, train_recurrent
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.body.garment_skinning import closest_weights, joint_transforms
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import frames_of
 from garment_jax.geometry.skinning import skin, unskin_frames
@@ -188,9 +188,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, roll)
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live)
+    return make_runner(fitted_model(run_dir), _live, collision)
 
 
 METHOD = Method("santesteban_2019", "Santesteban et al. 2019", "rollout", fit, load)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.data.motion_input import motion_input
 from garment_jax.geometry.skinning import skin, softmax_weights
 from garment_jax.rollout.model import Model, template_for
@@ -51,9 +51,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, lambda params, state, x: (state, rollout(points[0], jnp.asarray(W), x)))
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live)
+    return make_runner(fitted_model(run_dir), _live, collision)
 
 
 METHOD = Method("skinned_template", "template skinned to the body", "rollout", fit, load)

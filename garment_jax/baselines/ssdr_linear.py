@@ -12,7 +12,7 @@ from garment_jax.baselines.bones import bone_transforms, carried, find_bones
 from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import count
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.rollout.model import template_for
 from garment_jax.structs import Motion, Scene
 
@@ -28,7 +28,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, {"weights": find_bones(run).weights})
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
     model = fitted_model(run_dir)
     weights = np.asarray(model.params["weights"])

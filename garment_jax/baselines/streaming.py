@@ -1,18 +1,19 @@
 """A causal method on one scene as a stream, as chunks in the world, and side by side over motions."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.baselines.method import Runner, Stream
-from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.body.root_frame import from_root
+from garment_jax.config import CollisionConfig
 from garment_jax.data.content_hash import scene_hash
-from garment_jax.rollout.animate import FPS_TOLERANCE, Chunk
-from garment_jax.rollout.attachment import make_attachment
+from garment_jax.data.template import scene_template
+from garment_jax.rollout.ahead import one_ahead
+from garment_jax.rollout.animate import FPS_TOLERANCE
+from garment_jax.rollout.finish import Chunk, Finish, make_finisher
 from garment_jax.rollout.model import Model
 from garment_jax.structs import Motion, Scene
 
@@ -39,27 +40,36 @@ class Live(NamedTuple):
 
 class _Compiled(NamedTuple):
     live: Live
+    finish: Callable[[Motion, np.ndarray, np.ndarray], Finish]
     run: Rollout  # of a chunk
     step: Rollout  # of a frame, without a time axis
 
 
-def _compile(live: Live) -> _Compiled:
+def _compile(live: Live, finish: Callable[[Motion, np.ndarray, np.ndarray], Finish]) -> _Compiled:
     def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
         state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
         return state, V[0]
 
-    return _Compiled(live, jax.jit(live.rollout), jax.jit(one))
+    return _Compiled(live, finish, jax.jit(live.rollout), jax.jit(one))
 
 
-def make_runner(model: Model, live_on: Callable[[Model, Scene, str], Live]) -> Runner:
-    """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment."""
+def make_runner(
+    model: Model, live_on: Callable[[Model, Scene, str], Live], collision: CollisionConfig | None = None
+) -> Runner:
+    """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment.
+
+    `collision`: handle limbs and collisions as for ours; without it they are left as they come.
+    """
     chunk, known = model.config.rollout.chunk, dict[str, _Compiled]()
+    config = model.config if collision is None else replace(model.config, collision=collision)
 
     def compiled(scene: Scene, name: str) -> _Compiled:
         """Programs are compiled once for a scene, whatever the clips."""
         key = scene_hash(scene)
         if key not in known:
-            known[key] = _compile(live_on(model, scene, name))
+            template = scene_template(scene, model.statistics, config)
+            finish = make_finisher(config, scene, template, collision=collision is not None)
+            known[key] = _compile(live_on(model, scene, name), finish)
         return known[key]
 
     def stream(scene: Scene, motion: Motion, name: str) -> Stream:
@@ -77,9 +87,9 @@ def make_runner(model: Model, live_on: Callable[[Model, Scene, str], Live]) -> R
 
     def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
         made = stream(scene, motion, name)
-        finish = _finisher(scene, motion, made)
-        for start, V in _chunks(made.run, made.state, made.x, chunk):
-            yield finish(V, start)
+        finished = compiled(scene, name).finish(motion, made.root, made.yaw)
+        for start, V in one_ahead(_chunks(made.run, made.state, made.x, chunk)):
+            yield finished(V, slice(start, min(start + chunk, len(made.root))))
 
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
         made = compiled(scene, name)
@@ -132,21 +142,3 @@ def _chunks(
         piece = _extended(jax.tree.map(lambda leaf: leaf[start : start + chunk], x), chunk)  # noqa: B023
         state, V = run(state, piece)
         yield start, V
-
-
-def _finisher(scene: Scene, motion: Motion, made: Stream) -> Callable[[jax.Array, int], Chunk]:
-    """Return a function (V of a padded chunk, its first frame) -> the chunk in the world, at its pins."""
-    carried = carried_points(scene, collider=False)
-    attach = make_attachment(scene.garment, carried.pins)
-
-    def finish(V: jax.Array, start: int) -> Chunk:
-        frames = slice(start, min(start + len(V), len(made.root)))
-        pins = pose_carried(carried, scene, motion, frames).pins
-        real = len(pins)
-        V = attach(V, jnp.asarray(_extended(pins, len(V))))
-        placed = np.array(V[:real], np.float64)
-        placed[:, carried.pins] = pins
-        world = from_root(placed, made.root[frames], made.yaw[frames])
-        return Chunk(world.astype(np.float32), np.zeros(real, np.float32))
-
-    return finish

@@ -14,7 +14,7 @@ from garment_jax.baselines.fitting import finish_model, fitted_model, open_basel
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import count
 from garment_jax.body.root_frame import from_root, heading, to_root
-from garment_jax.config import Config
+from garment_jax.config import CollisionConfig, Config
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.model import template_for
 from garment_jax.structs import Motion, Scene
@@ -45,7 +45,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, train_generative(run))
 
 
-def load(run_dir: Path) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
     """Return the runner of a fitted folder."""
     model = fitted_model(run_dir)
 

@@ -18,8 +18,9 @@ from garment_jax.data.lanes import repeated_last
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.generative.canonical import posed, unposed
 from garment_jax.generative.network import decode, encode
-from garment_jax.rollout.animate import Animator, Chunk, make_animator
+from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.clips import rollout_batch
+from garment_jax.rollout.finish import Chunk
 from garment_jax.rollout.model import Model, save_model, skinned_template, template_for
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
@@ -49,7 +50,7 @@ def is_reconstruction(row: Row) -> bool:
 def load(row: Row, run: Path, config: Config) -> Runner:
     """Return the runner of a trained row; `config` (the row's) says how collisions are handled."""
     if row.method != OURS:
-        return METHODS[row.method].load(run)
+        return METHODS[row.method].load(run, config.collision if row.collision else None)
     model = trained_model(run)
     model = model._replace(config=config, params=_rounded(model.params, row.precision))
     count = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(model.params))
@@ -72,7 +73,8 @@ def stored_bytes(row: Row, run: Path, folder: Path) -> int:
 
 
 def _rounded(params: Any, precision: str) -> Any:
-    return jax.tree.map(lambda x: jnp.asarray(x, jnp.dtype(precision)), params)
+    """Return parameters as they come back from a file of that precision; the networks compute in 32 bits."""
+    return jax.tree.map(lambda x: jnp.asarray(jnp.asarray(x, jnp.dtype(precision)), jnp.float32), params)
 
 
 def _animate(model: Model, row: Row) -> Callable[[Scene, Motion, str], Iterator[Chunk]]:

@@ -17,6 +17,7 @@ from garment_jax.data.prepared import training_clips
 
 # counted into the names of measurements: raise it when a change of the code changes what is measured
 MEASURED = 1
+FINISHED = 2  # the same for what comes after a baseline's networks; ours' are named by their values
 TRAIN, ROLL, TIME, SIMULATE, LATENT = "train", "roll", "time", "simulate", "latent"
 
 
@@ -170,17 +171,22 @@ class Plan:
 
     def _beside(self, row: Row) -> list[Job]:
         """Return what is measured once a row: run time of rollouts, the latent space of the reference."""
-        rebuilt = row.task == "reconstruction" or (
+        jobs = [] if self._rebuilds(row) else [self.time_job(row)]
+        return [*jobs, self.latent_job(row)] if row.name == self.settings.reference else jobs
+
+    def _rebuilds(self, row: Row) -> bool:
+        """Return whether a row is given true frames and asked for them again."""
+        return row.task == "reconstruction" or (
             row.method != OURS and METHODS[row.method].kind == "reconstruction"
         )
-        jobs = [] if rebuilt else [self.time_job(row)]
-        return [*jobs, self.latent_job(row)] if row.name == self.settings.reference else jobs
 
     def _rolled(self, row: Row, seed: int) -> Any:
         """Return what a rollout depends on beside the trained run."""
-        if row.method != OURS:
+        if self._rebuilds(row) and row.method != OURS:
             return [row.task]
         collision = to_dict(self.config(row, seed))["collision"] if row.collision else None
+        if row.method != OURS:
+            return [row.task, FINISHED, collision]
         return [row.task, row.detail, row.precision, collision]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:

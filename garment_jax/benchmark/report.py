@@ -110,8 +110,9 @@ def describe(records: Records, told: dict[str, Any]) -> str:
 def notes(records: Records) -> dict[str, str]:
     """Return the sentences that stand under plots and pictures."""
     found = {
-        "Error against run time": "Milliseconds include pins and, for ours unless said otherwise, collision "
-        "handling. The dashed line joins what nothing else beats in both. A triangle's error is off it.",
+        "Error against run time": "Milliseconds include pins and, unless a row says otherwise, limb and "
+        "collision handling. The dashed line joins what nothing else beats in both. A triangle's error is "
+        "off it.",
         "Error against training time": "Lines: the clip kept back, rolled out during training; a stage's "
         "seconds count after those before it. Diamonds: test error at the end.",
         "Methods on an unseen motion": "The longest test clip, whole rollouts.",

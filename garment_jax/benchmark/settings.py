@@ -32,7 +32,7 @@ class Row:
     seeds: tuple[int, ...] = (0,)
     set: dict[str, Any] = field(default_factory=dict)  # sections and keys over the base's
     detail: bool = True  # of a rollout of ours
-    collision: bool = True  # of a rollout of ours
+    collision: bool = True  # limbs and collisions handled in a rollout, as `set.collision` says
     precision: Literal["float32", "bfloat16"] = "float32"  # of the parameters, in the rollout
     part: float = 1.0  # of the training clips
     length: float = 1.0  # of every number of steps

@@ -96,7 +96,7 @@ def cost_table(records: Records) -> Table:
     batch = next((r.time["batch"] for r in records.rows if r.time and r.time.get("batch")), None)
     note = (
         "One stream. Milliseconds a frame: median and 95th percentile over chunks after the first, from "
-        "motion to garment in the world (pins, and for ours collisions unless the row says otherwise). "
+        "motion to garment in the world (pins, stretch, limbs and collisions unless the row says otherwise). "
         "Step: the compiled networks alone, one frame in and out, waited for each time. "
         f"Batch: {batch or 'several'} motions side by side, without collision handling. Start-up: process, "
         "imports and loading. Training: seconds of the first seed, shared stages counted in; CPU: "

@@ -3,48 +3,31 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.body.limbs import limbs_of
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
-from garment_jax.body.root_frame import from_root
 from garment_jax.data.content_hash import scene_hash
-from garment_jax.data.lanes import repeated_last
-from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
-from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.rollout.ahead import one_ahead
-from garment_jax.rollout.attachment import make_attachment
+from garment_jax.rollout.finish import Chunk, make_finisher
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.programs import ProgramStore
-from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
 from garment_jax.rollout.rollers import make_roller
-from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import Motion, Scene
 
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
-
-
-class Chunk(NamedTuple):
-    """A stretch of finished frames."""
-
-    V: np.ndarray  # [k, n, 3] float32 metres, world
-    deepest: np.ndarray  # [k] metres inside the collider before it is pushed out; 0 without handling
-    collision: Any = None  # `collision.sequence.FrameFigures` of each frame; None without collision handling
 
 
 Animator = Callable[..., Iterator[Chunk]]
@@ -91,7 +74,15 @@ def make_animator(
     template, seeds = template_for(model, scene, name)
     programs = store or ProgramStore(None)
     facts = {"scene": scene_hash(scene), "model": repr(model.config), "statistics": _digits(model.statistics)}
-    finish = _make_finisher(model, scene, template, programs, facts, collision, out_of_reach)
+    finish = make_finisher(
+        model.config,
+        scene,
+        template,
+        collision=collision,
+        out_of_reach=out_of_reach,
+        programs=programs,
+        facts=facts,
+    )
     chunk, joints = model.config.rollout.chunk, model.config.body.motion_joints
     begin = make_start(template, seeds, model.config.body.tau)
     roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
@@ -101,7 +92,7 @@ def make_animator(
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
-        finished = finish(whole, inputs)
+        finished = finish(whole, inputs.root, inputs.yaw)
         for start, V in one_ahead(roll(whole, inputs, V_start)):
             stop = min(start + chunk, len(whole.root))
             skip = max(preroll - start, 0)
@@ -121,64 +112,6 @@ def _check_rate(model: Model, motion: Motion, name: str) -> None:
         raise ValueError(
             f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion."
         )
-
-
-def _make_finisher(
-    model: Model,
-    scene: Scene,
-    template: Template,
-    programs: ProgramStore,
-    facts: dict,
-    collision: bool,
-    out_of_reach: bool,
-) -> Callable[[Motion, MotionInput], Callable[[jax.Array, slice], Chunk]]:
-    """Return a function (motion, its inputs) -> (V of a padded chunk, its real frames) -> the chunk."""
-    collision = collision and scene.collider is not None
-    follow = collision and model.config.collision.limbs
-    limbs = limbs_of(scene.body, scene.collider) if follow and scene.collider is not None else None
-    carried = carried_points(scene, collider=collision, limbs=limbs)
-    bound = cloth_reach(scene.garment, carried.pins) if collision and out_of_reach else None
-
-    @lru_cache(maxsize=1)  # compiled when the first motion needs it, and shared by all of them
-    def resolver() -> Callable:
-        from garment_jax.rollout.resolve import make_chunk_resolver
-
-        return make_chunk_resolver(model.config, scene, template, limbs, programs=programs, facts=facts)
-
-    if collision and bound is None:
-        resolver()
-    attach = make_attachment(scene.garment, carried.pins)
-    limit = make_strain_limit(scene.garment, carried.pins)
-
-    def begin(motion: Motion, inputs: MotionInput) -> Callable[[jax.Array, slice], Chunk]:
-        resolve = [resolver()()] if collision and bound is None else []
-
-        def finish(V: jax.Array, frames: slice) -> Chunk:
-            count = frames.stop - frames.start
-            posed = pose_carried(carried, scene, motion, frames)
-            pins = posed.pins
-            deepest, figures = np.zeros(count, np.float32), None
-            # the rollout has padded the last chunk already
-            V = limit(attach(V, jnp.asarray(repeated_last(pins, len(V)))))
-            if bound is not None and not resolve and _leaves(bound, V, pins):
-                resolve.append(resolver()())
-            if resolve:
-                V, figures = resolve[0](V, posed)
-                figures = jax.tree.map(lambda x: np.asarray(x)[:count], figures)
-                deepest = figures.deepest_before
-            placed = np.array(np.asarray(V)[:count], np.float64)  # on the host: a device compiles each length
-            placed[:, carried.pins] = pins
-            world = from_root(placed, inputs.root[frames], inputs.yaw[frames])
-            return Chunk(world.astype(np.float32), deepest, figures)
-
-        return finish
-
-    return begin
-
-
-def _leaves(bound: Reach, V: jax.Array, pins: np.ndarray) -> bool:
-    """Return whether a vertex has left the ball that the plan's distance bound rests on."""
-    return bool(beyond_reach(bound, np.asarray(V)[: len(pins)], pins).max() > 0)
 
 
 def animate_file(
