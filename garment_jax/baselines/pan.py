@@ -24,7 +24,7 @@ from garment_jax.baselines.bones import (
     transforms,
     weighted_rest,
 )
-from garment_jax.baselines.clip_motions import clip_errors
+from garment_jax.baselines.clip_errors import clip_errors
 from garment_jax.baselines.features import columns, normalised
 from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
 from garment_jax.baselines.method import Method, Runner

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.baselines.clip_motions import clip_errors, clip_motions
+from garment_jax.baselines.clip_errors import clip_errors
 from garment_jax.baselines.features import columns, normalised
 from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
 from garment_jax.baselines.method import Method, Runner
@@ -78,7 +78,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
     ) as run:
         settings = run.config.baselines
         W = closest_weights(run.data.scene)
-        components, c = _targets(run, data_dir, W)
+        components, c = _targets(run, W)
         deviation = np.maximum(np.concatenate(c).std(axis=0), 1e-6)
         fixed = {"basis": components.basis, "mean": components.mean, "deviation": deviation}
         chosen = columns(run.data.scene.body, run.config, READS)
@@ -99,7 +99,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
             steps=settings.santesteban_steps,
             rate=settings.santesteban_rate,
             seed=41,
-            validate=_validation(run, data_dir, fixed, W, chosen),
+            validate=_validation(run, fixed, W, chosen),
         )
         finish_model(run, {"network": network, **fixed, "weights": W})
 
@@ -114,7 +114,7 @@ def coefficient_error(deviation: np.ndarray, n: int) -> Any:
     return error
 
 
-def _targets(run: Run, data_dir: Path, W: np.ndarray) -> tuple[Components, list[np.ndarray]]:
+def _targets(run: Run, W: np.ndarray) -> tuple[Components, list[np.ndarray]]:
     """Return the components of canonical displacements and every clip's coefficients; cached."""
     path = run.folder / "cache" / f"canonical-{run.data.content}.npz"
     if path.exists():
@@ -122,7 +122,7 @@ def _targets(run: Run, data_dir: Path, W: np.ndarray) -> tuple[Components, list[
             components = Components(stored["mean"], stored["basis"])
             return components, [stored[str(i)] for i in range(len(run.data.train))]
     say("santesteban: displacements of the template in canonical pose")
-    motions = [joint_transforms(m, run.data.scene) for m in clip_motions(run.data, run.data.train, data_dir)]
+    motions = [joint_transforms(clip.motion, run.data.scene) for clip in run.data.train]
 
     def of_clip(i: int):
         return partial(_displacements, run, i, motions[i], W)
@@ -155,15 +155,16 @@ def _displacements(
     return out
 
 
-def _validation(run: Run, data_dir: Path, fixed: dict, W: np.ndarray, chosen: np.ndarray) -> Any:
+def _validation(run: Run, fixed: dict, W: np.ndarray, chosen: np.ndarray) -> Any:
     """Return a function of the network that rolls out the clips kept back: RMSE in cm; None without any."""
     clips = run.data.validation
     if not clips:
         return None
-    motions = clip_motions(run.data, clips, data_dir)
     inputs = [
-        PosedInput(normalised(clip.input.x.M, run.template, chosen), *joint_transforms(m, run.data.scene))
-        for clip, m in zip(clips, motions, strict=True)
+        PosedInput(
+            normalised(clip.input.x.M, run.template, chosen), *joint_transforms(clip.motion, run.data.scene)
+        )
+        for clip in clips
     ]
     roll = jax.jit(partial(rollout, T=jnp.asarray(run.template.T), W=jnp.asarray(W)))
 

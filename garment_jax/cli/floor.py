@@ -22,8 +22,11 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.data.sequence import SequenceWriter, open_sequence
-    from garment_jax.simulation.command import cloth_settings, read_pattern
+    import numpy as np
+
+    from garment_jax.data.sequence import open_sequence
+    from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
+    from garment_jax.simulation.command import check_same_cloth, cloth_settings, read_pattern
     from garment_jax.simulation.floor import floor_of, summary
 
     if options.out is not None and len(options.clips) > 1:
@@ -35,9 +38,12 @@ def run(options: argparse.Namespace) -> None:
     found = []
     for path in options.clips:
         with open_sequence(path) as clip:
+            check_same_cloth(clip, settings)
             floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
             if options.out is not None:
-                with SequenceWriter(options.out, clip.scene, floor.motion) as writer:
+                far = np.abs(floor.V - floor.motion.root[:, None]).max() > INT16_REACH
+                encoding = "float32" if far else "int16"
+                with SequenceWriter(options.out, clip.scene, floor.motion, encoding=encoding) as writer:
                     writer.append(floor.V)
         figures = summary(floor)
         found.append(figures | {"rmse_cm_per_frame": [round(float(e), 4) for e in floor.rmse_cm]})

@@ -97,6 +97,7 @@ def run(options: argparse.Namespace) -> None:
             turn=options.turn,
             longest=options.longest,
             crosses=options.crosses,
+            settings=settings,
         )
         check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
     else:

@@ -38,7 +38,9 @@ def read_window(data: h5py.Dataset, start: int, stop: int, path: Path) -> np.nda
 
 
 def plain(value: object) -> Any:
-    """Return an HDF5 attribute as Python's own int, float, bool or str where it is a scalar."""
+    """Return an HDF5 attribute as Python's own int, float, bool or str, an array as a list of them."""
     if isinstance(value, bytes):
         return value.decode()
+    if isinstance(value, np.ndarray):
+        return [plain(entry) for entry in value.tolist()]
     return value.item() if isinstance(value, np.generic) else value

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from garment_jax.data import layout
-from garment_jax.data.content_hash import stored_hash
+from garment_jax.data.content_hash import stored_attribute, stored_hash
 from garment_jax.data.hdf5 import dataset, open_hdf5, plain
 from garment_jax.data.packed_clip import check_packed, check_pins, decode_steps, find_assets, read_scene
 from garment_jax.data.sequence_writer import SequenceWriter
@@ -74,10 +74,22 @@ def import_clip(
         content = _content_hash([source, *(asset for asset in assets if asset is not None)])
         if stored_hash(path) == content:
             return ImportedClip(source, path, frames, skipped=True)
+        _check_replaceable(path, source, attributes)
         scene = read_scene(file, assets, str(source))
         attributes |= {"name": name, "kind": "simulated", "content_hash": content}
         _write(path, file, scene, attributes, str(source))
     return ImportedClip(source, path, frames, skipped=False)
+
+
+def _check_replaceable(path: Path, source: Path, attributes: dict) -> None:
+    """Raise `ValueError` where a clip would replace one that is not an older form of it."""
+    if stored_attribute(path, "schema_version") is None:  # nothing is there, or nothing whole
+        return
+    before = [stored_attribute(path, name) for name in ("kind", "source", "imported_from")]
+    if before != ["simulated", str(attributes.get("source", "")) or None, None]:
+        raise ValueError(
+            f"{path} is there and was not imported from {source.name}; choose another --out, or move it away."
+        )
 
 
 def _list_clips(paths: Iterable[str | Path]) -> list[Path]:

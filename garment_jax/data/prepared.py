@@ -105,7 +105,11 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
                 )
             key = _cache_key(path, digests.of(path), sequence, config)
             digest.update(key.encode())
+            made_from = str(sequence.attributes.get("made_from", ""))
             clip = _prepare_clip(sequence, seeds, W, config, cache / key)
+        kept_back = set(config.data.validation) & set(made_from.split(", "))
+        if kept_back:
+            print(f"prepare: {path.stem} is made of {kept_back.pop()}, which is kept back", file=sys.stderr)
         if _is_named(path, config.data.validation):
             validation.append(clip)
             continue

@@ -55,24 +55,31 @@ def _descend(G: np.ndarray, w: np.ndarray, mask: np.ndarray, influences: int) ->
         slope[(w[active] > 0) | ~mask[active]] = np.inf
         entering = slope.argmin(axis=1)
         # In the first round the given weights themselves may not yet be the best of their bones.
-        helps = slope[np.arange(len(active)), entering] < now * (1 - 1e-6)
+        least = slope[np.arange(len(active)), entering]
+        helps, allowed = (
+            least < now * (1 - 1e-6),
+            np.isfinite(least),
+        )  # infinite where no other bone may enter
         keep = helps | (step == 0)
         active, entering, now = active[keep], entering[keep], now[keep]
         if not len(active):
             break
-        better = _best_of(G[active], w[active], entering, influences)
+        better = _best_of(G[active], w[active], entering, allowed[keep], influences)
         lower = energy(G[active], better) < now
         w[active[lower]] = better[lower]
         active = active[lower | (step == 0)]
     return w
 
 
-def _best_of(G: np.ndarray, w: np.ndarray, entering: np.ndarray, influences: int) -> np.ndarray:
-    """Return the best weights `[k, b]` over sets of at most `influences` bones: those in use, `entering`."""
+def _best_of(
+    G: np.ndarray, w: np.ndarray, entering: np.ndarray, allowed: np.ndarray, influences: int
+) -> np.ndarray:
+    """Return the best weights `[k, b]` over sets of at most `influences` bones: those in use, and `entering`
+    where it is `allowed` `[k]`."""
     rows = np.arange(len(G))[:, None]
     slots = np.argsort(-w, axis=1, kind="stable")[:, :influences]
     slots = np.concatenate([slots, entering[:, None]], axis=1)
-    usable = np.concatenate([w[rows, slots[:, :-1]] > 0, np.ones((len(G), 1), bool)], axis=1)
+    usable = np.concatenate([w[rows, slots[:, :-1]] > 0, allowed[:, None]], axis=1)
     part = G[rows[:, :, None], slots[:, :, None], slots[:, None, :]]
     best, least = np.zeros(slots.shape), np.full(len(G), np.inf)
     for size in range(1, influences + 1):

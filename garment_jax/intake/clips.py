@@ -97,7 +97,8 @@ def _import_source(source: Source, path: Path, settings: str, progress: Callable
     check_clip(clip, where)
     for note in clip.notes:
         progress(f"{source.name}: {note}")
-    attributes = {"name": source.name, "content_hash": content, "source": source.path.name}
+    file = source.path.name
+    attributes = {"name": source.name, "content_hash": content, "source": file, "imported_from": file}
     frames = len(clip.motion.root)
     if clip.windows is None:
         with SequenceWriter(path, clip.scene, clip.motion, encoding="none", attributes=attributes):
@@ -126,11 +127,11 @@ def _check_replaceable(path: Path, source: Source) -> None:
         return
     if path.resolve() in {file.resolve() for file in source.files}:
         raise ValueError(f"{path} is what is read; choose another --out.")
-    made_from = stored_attribute(path, "source")
+    made_from = stored_attribute(path, "imported_from")
     if stored_attribute(path, "schema_version") is not None and made_from != source.path.name:
         raise ValueError(
-            f"{path} is there and was made from {made_from or 'no import'}, not from {source.path.name}; "
-            "choose another --out, or move it away."
+            f"{path} is there and was made from {made_from or 'something else'}, not {source.path.name}; "
+            "choose another --out or move it."
         )
 
 

@@ -13,6 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
 import numpy as np
 
 from garment_jax.data.content_hash import scene_hash, stored_hash
@@ -24,6 +25,8 @@ from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import check_motion
 from garment_jax.structs import Motion, Scene
 
+ENGINE = "newton SolverStyle3D"
+
 
 class Job(NamedTuple):
     """One clip to simulate."""
@@ -31,6 +34,7 @@ class Job(NamedTuple):
     name: str
     split: str  # "train" or "test": the folder it goes to
     motion: Motion
+    made_from: str = ""  # names of the clips that it is a variation of
 
 
 class Outcome(NamedTuple):
@@ -68,6 +72,8 @@ def simulate_clips(
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
     keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
+    for job, path, key in zip(jobs, paths, keys, strict=True):
+        _take_over(job, path, key, out)
     todo = [i for i in range(len(jobs)) if stored_hash(paths[i]) != keys[i]]
     outcomes: dict[int, Outcome] = {
         i: Outcome(jobs[i].name, paths[i], 0.0, None, []) for i in range(len(jobs)) if i not in todo
@@ -120,6 +126,22 @@ def _check_jobs(scene: Scene, jobs: Sequence[Job], paths: Sequence[Path], settin
             )
         check_motion(job.motion, scene.body, settings, job.name)
         SequenceWriter(path, scene, job.motion)  # checks when it is made, writes when it is entered
+
+
+def _take_over(job: Job, path: Path, key: str, out: Path) -> None:
+    """Move a clip that is now to be tested on, or trained on, out of the other folder: never in both."""
+    elsewhere = out / ("train" if job.split == "test" else "test") / path.name
+    if not elsewhere.exists():
+        return
+    if stored_hash(elsewhere) != key:
+        raise ValueError(
+            f"{elsewhere} is there and {path} would be another clip of that name: one to train on must not "
+            "be one to test on; move it away."
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(elsewhere, path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["split"] = job.split
 
 
 def _check_folder(out: Path) -> None:
@@ -181,20 +203,24 @@ def _simulate_one(
     try:
         screen = screen_clip(scene, job.motion, V)
     except ValueError as error:
+        path.unlink(missing_ok=True)
         return Outcome(job.name, None, seconds, None, [str(error)])
     wrong = faults(screen, limits)
     if wrong:
+        path.unlink(missing_ok=True)  # one of other settings, which would be trained on beside the new ones
         return Outcome(job.name, None, seconds, screen, wrong)
     attributes = {
         "name": job.name,
         "split": job.split,
         "kind": "simulated",
-        "engine": "newton SolverStyle3D",
+        "engine": ENGINE,
         "settings": settings.describe(),
         "content_hash": key,
         "screen": json.dumps(screen._asdict()),
         "simulated_on": platform.machine(),
     }
+    if job.made_from:
+        attributes["made_from"] = job.made_from
     far = np.abs(V - job.motion.root[:, None]).max() > INT16_REACH
     encoding = "float32" if far else "int16"
     with SequenceWriter(path, scene, job.motion, encoding=encoding, attributes=attributes) as writer:

@@ -1,6 +1,7 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Sequence as List
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -12,11 +13,12 @@ import numpy as np
 from garment_jax.data.hdf5 import open_hdf5
 from garment_jax.data.layout import Field, check_fields
 from garment_jax.data.npz import read_arrays
+from garment_jax.data.sequence import Sequence
 from garment_jax.data.validation import check_motion
 from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
 from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.intake.motions import SUFFIXES, read_motion
-from garment_jax.simulation.clips import Job
+from garment_jax.simulation.clips import ENGINE, Job
 from garment_jax.simulation.rest_shape import rest_shape
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Collider, Garment, RiggedBody
@@ -122,6 +124,16 @@ def _naming(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: {error}") from error
 
 
+def check_same_cloth(clip: Sequence, settings: ClothSettings) -> None:
+    """Raise `ValueError` for a clip that `simulate` made with other settings: its cloth would be another."""
+    said = clip.attributes.get("settings")
+    if clip.attributes.get("engine") != ENGINE or said is None or str(said) == settings.describe():
+        return
+    theirs, ours = str(said).split(", "), settings.describe().split(", ")
+    odd = [f"{a} there and {b} here" for a, b in zip(theirs, ours, strict=False) if a != b]
+    raise ValueError(f"{clip.path} was simulated with other cloth ({odd[0]}); give its own with --cloth.")
+
+
 def check_frames(frames: int) -> None:
     """Raise `ValueError` for too few frames of embedded motions."""
     if frames < SHORTEST:
@@ -149,11 +161,11 @@ def embedded_jobs(body: RiggedBody, *, frames: int, fps: float, seed: int) -> li
 
 
 def motion_jobs(
-    paths: Sequence[Path],
+    paths: List[Path],
     body: RiggedBody,
     *,
     fps: float,
-    test: Sequence[str] = (),
+    test: List[str] = (),
     joints: dict[str, str] | None = None,
     source_fps: float | None = None,
     skip: int = 0,
@@ -203,5 +215,5 @@ def _motions_in(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
-def _names(files: Sequence[Path]) -> str:
+def _names(files: List[Path]) -> str:
     return ", ".join(file.stem for file in files)

@@ -66,6 +66,18 @@ def test_a_clip_is_imported_once_until_its_content_changes(tmp_path: Path):
     assert (changed.skipped, changed.frames) == (False, 6)
 
 
+def test_what_is_no_older_form_of_the_clip_is_not_replaced(tmp_path: Path):
+    source = write_packed(tmp_path, frames=5)
+    (first,) = import_clips([source], tmp_path / "out", progress=quiet)
+    for attributes in ({"kind": "predicted"}, {"source": "another"}, {"imported_from": "clip.pc2"}):
+        first.path.unlink()
+        path = write_clip(first.path, 6, attributes={"source": "code"} | attributes)
+        before = path.read_bytes()
+        with pytest.raises(ValueError, match="is there and was not imported from"):
+            import_clips([source], tmp_path / "out", progress=quiet)
+        assert path.read_bytes() == before
+
+
 def test_damaged_import_is_made_again(tmp_path: Path):
     source = write_packed(tmp_path, frames=5)
     (clip,) = import_clips([source], tmp_path / "out", progress=quiet)

@@ -10,10 +10,13 @@ from tests.reference.scene import write_clip
 
 
 def test_facts_of_a_sequence_file(tmp_path: Path):
-    path = write_clip(tmp_path / "clip.h5", 12, attributes={"kind": "predicted", "source": "waltz.bvh"})
+    path = write_clip(
+        tmp_path / "clip.h5", 12, attributes={"kind": "predicted", "source": "waltz.bvh", "range": [1, 2]}
+    )
     facts = describe(path)
     assert facts["kind"] == "predicted"
     assert facts["source"] == "waltz.bvh"
+    assert facts["range"] == [1, 2]
     assert (facts["frames"], facts["fps"], facts["duration_s"]) == (12, 30.0, 0.4)
     assert (facts["garment"]["vertices"], facts["garment"]["faces"], facts["garment"]["pins"]) == (
         128,

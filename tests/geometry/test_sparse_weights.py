@@ -52,3 +52,13 @@ def test_few_influences_and_allowed_bones_are_kept_and_a_start_is_never_made_wor
         assert (found >= 0).all()
         assert all(error(i, found[i]) <= error(i, start[i]) * (1 + 1e-9) for i in range(7))
     assert (fit_weights(MOMENTS, start, influences=2, allowed=allowed)[:, 2] == 0).all()
+
+
+def test_a_bone_that_is_not_allowed_never_enters():
+    """Also where every allowed bone is in use already: then there is none to enter."""
+    allowed = np.ones((7, 4), bool)
+    allowed[:, 0] = False
+    start = np.tile([0.0, 1 / 3, 1 / 3, 1 / 3], (7, 1))
+    found = fit_weights(MOMENTS, start, influences=3, allowed=allowed)
+    assert (found[:, 0] == 0).all()
+    np.testing.assert_allclose(found.sum(axis=1), 1)

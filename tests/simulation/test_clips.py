@@ -12,7 +12,7 @@ from garment_jax.simulation.clips import Job, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Scene
-from tests.reference.scene import make_motion, make_scene
+from tests.reference.scene import make_motion, make_scene, write_clip
 
 SETTINGS = ClothSettings(substeps=4, iterations=3, linear_iterations=10, settle=2, blend=2, hold=1)
 LOOSE = ScreenLimits(deepest_mm=1e4, inside_percent=100.0, strain_p99_percent=1e4, hem_rise_cm=1e3)
@@ -53,6 +53,28 @@ def test_a_clip_that_fails_the_screening_is_named_and_not_kept(tmp_path: Path, s
     assert outcome.path is None
     assert "left out: strain" in lines[-1]
     assert not list(tmp_path.rglob("*.h5"))
+
+
+def test_a_clip_that_fails_leaves_none_of_other_settings(tmp_path: Path, scene, jobs):
+    pytest.importorskip("newton")
+    (kept,) = simulate_clips(scene, jobs[:1], tmp_path, SETTINGS, limits=LOOSE, progress=lambda _: None)
+    assert kept.path is not None
+    strict, other = replace(LOOSE, strain_p99_percent=1e-6), replace(SETTINGS, substeps=5)
+    simulate_clips(scene, jobs[:1], tmp_path, other, limits=strict, progress=lambda _: None)
+    assert not kept.path.exists()
+
+
+def test_a_clip_moves_to_those_that_are_tested_on_and_is_never_in_both(tmp_path: Path, scene, jobs):
+    (tmp_path / "train").mkdir()
+    motion, key = jobs[0].motion, content_key(scene, jobs[0].motion, SETTINGS, None)
+    write_clip(tmp_path / "train/one.h5", scene=scene, motion=motion, attributes={"content_hash": key})
+    tested = [jobs[0]._replace(split="test")]
+    simulate_clips(scene, tested, tmp_path, SETTINGS, progress=lambda _: None)
+    assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.h5")] == ["test/one.h5"]
+    with open_sequence(tmp_path / "test/one.h5") as clip:
+        assert clip.attributes["split"] == "test"
+    with pytest.raises(ValueError, match="one to train on must not be one to test on"):
+        simulate_clips(scene, jobs[:1], tmp_path, replace(SETTINGS, substeps=5), progress=lambda _: None)
 
 
 def test_two_processes_give_the_bits_of_one(tmp_path: Path, scene, jobs):

@@ -1,10 +1,13 @@
 """Clips made of clips: varied and crossed, seeded, named, refused by file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from garment_jax.simulation.clips import ENGINE
+from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.varied import varied_jobs
 from tests.reference.scene import make_motion, make_scene, write_clip
 
@@ -63,3 +66,33 @@ def test_nothing_to_make_and_too_few_to_cross_are_refused(tmp_path: Path):
         varied_jobs([tmp_path], copies=0, seed=0)
     with pytest.raises(ValueError, match="--crosses 1 needs three clips at least and 1 are there"):
         varied_jobs([tmp_path], copies=1, crosses=1, seed=0)
+
+
+def test_variations_are_not_varied_when_the_call_goes_on(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2), ("jig", 3)):
+        write_clip(tmp_path / f"{name}.h5", 40, seed, attributes={"name": name})
+    first = varied_jobs([tmp_path], copies=1, crosses=1, seed=0)[1]
+    assert [job.made_from for job in first[:3]] == ["jig", "polka", "waltz"]
+    assert set(first[3].made_from.split(", ")) == {"jig", "polka", "waltz"}
+    made = {"name": first[0].name, "made_from": first[0].made_from}
+    write_clip(tmp_path / f"{first[0].name}.h5", motion=first[0].motion, attributes=made)
+    again = varied_jobs([tmp_path], copies=1, crosses=1, seed=0)[1]
+    assert [job.name for job in again] == [job.name for job in first]
+    np.testing.assert_array_equal(again[3].motion.rotations, first[3].motion.rotations)
+
+
+def test_clips_of_one_name_are_all_varied(tmp_path: Path):
+    for folder, seed in (("a", 1), ("b", 2)):
+        write_clip(tmp_path / folder / "waltz.h5", 20, seed, attributes={"name": "waltz"})
+    jobs = varied_jobs([tmp_path / "a", tmp_path / "b"], copies=1, seed=0)[1]
+    assert [job.name for job in jobs] == ["waltz_v1", "waltz_v1"]  # which `simulate_clips` then refuses
+
+
+def test_clips_of_other_cloth_are_refused(tmp_path: Path):
+    settings = ClothSettings()
+    said = replace(settings, bend=2 * settings.bend)
+    attributes = {"engine": ENGINE, "settings": said.describe()}
+    write_clip(tmp_path / "waltz.h5", 20, attributes=attributes)
+    with pytest.raises(ValueError, match=r"waltz\.h5 was simulated with other cloth \(bend .* there"):
+        varied_jobs([tmp_path], copies=1, seed=0, settings=settings)
+    assert varied_jobs([tmp_path], copies=1, seed=0, settings=said)[1]
