@@ -32,7 +32,9 @@ def smpl_arrays(seed: int = 0) -> dict[str, np.ndarray]:
         "posedirs": rng.normal(size=(len(vertices), 3, 207)) * 0.01,
         "J_regressor": own.T / 4,
         "weights": 0.8 * own + 0.2 * np.repeat(np.eye(joints)[np.maximum(parents, 0)], 4, axis=0),
-        "kintree_table": np.array([np.where(parents < 0, 2**32 - 1, parents), range(joints)], np.uint32),
+        "kintree_table": np.array(
+            [np.where(parents < 0, np.int64(2**32 - 1), parents), range(joints)], np.uint32
+        ),
         "f": faces,
     }
 
