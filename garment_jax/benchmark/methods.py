@@ -40,13 +40,6 @@ def fit(method: str, config: Config, run: Path, data_dir: Path, *, data: str) ->
         METHODS[method].fit(config, run, data_dir)
 
 
-def is_reconstruction(row: Row) -> bool:
-    """Return whether a row is given true frames and asked for them again."""
-    return row.task == "reconstruction" or (
-        row.method != OURS and METHODS[row.method].kind == "reconstruction"
-    )
-
-
 def load(row: Row, run: Path, config: Config) -> Runner:
     """Return the runner of a trained row; `config` (the row's) says how collisions are handled."""
     if row.method != OURS:

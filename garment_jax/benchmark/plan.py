@@ -171,18 +171,12 @@ class Plan:
 
     def _beside(self, row: Row) -> list[Job]:
         """Return what is measured once a row: run time of rollouts, the latent space of the reference."""
-        jobs = [] if self._rebuilds(row) else [self.time_job(row)]
+        jobs = [] if is_reconstruction(row) else [self.time_job(row)]
         return [*jobs, self.latent_job(row)] if row.name == self.settings.reference else jobs
-
-    def _rebuilds(self, row: Row) -> bool:
-        """Return whether a row is given true frames and asked for them again."""
-        return row.task == "reconstruction" or (
-            row.method != OURS and METHODS[row.method].kind == "reconstruction"
-        )
 
     def _rolled(self, row: Row, seed: int) -> Any:
         """Return what a rollout depends on beside the trained run."""
-        if self._rebuilds(row) and row.method != OURS:
+        if is_reconstruction(row) and row.method != OURS:
             return [row.task]
         collision = to_dict(self.config(row, seed))["collision"] if row.collision else None
         if row.method != OURS:
@@ -191,6 +185,13 @@ class Plan:
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:
         return self.out / "results" / f"{row.name}-s{seed}-{kind}-{digest(parts)}.json"
+
+
+def is_reconstruction(row: Row) -> bool:
+    """Return whether a row is given true frames and asked for them again."""
+    return row.task == "reconstruction" or (
+        row.method != OURS and METHODS[row.method].kind == "reconstruction"
+    )
 
 
 def known_training(job: Job) -> Path:

@@ -260,7 +260,7 @@ def _dash_ratio(a: Spread | None, b: Spread | None, ours: RowRecord | None, othe
 
 
 def _rebuilds(record: RowRecord) -> bool:
-    from garment_jax.benchmark.methods import is_reconstruction
+    from garment_jax.benchmark.plan import is_reconstruction
 
     return is_reconstruction(record.row)
 

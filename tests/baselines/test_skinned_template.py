@@ -3,15 +3,19 @@
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from garment_jax.baselines import METHODS, Runner
-from garment_jax.body.root_frame import from_root
+from garment_jax.baselines import METHODS, Runner, skinned_template
+from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.body.seeds import make_seeds
-from garment_jax.config import RolloutConfig
+from garment_jax.config import CollisionConfig, RolloutConfig
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.start import make_skinned_template
+from garment_jax.evaluation.penetration import closed_surface, neighbour_faces, signed_distance
+from garment_jax.rollout import finish
+from garment_jax.stability.subject import root_frame_collider
 from tests.baselines.small import MOTION, SMALL, animated, fitted, looped, shortened, whole, write_data
 from tests.reference.scene import make_motion
 from tests.rollout.tiny_model import SCENE
@@ -52,6 +56,43 @@ def test_the_world_has_the_pins_where_the_body_holds_them(runner: Runner) -> Non
     off = np.abs(V - world).max(axis=(0, 2))
     assert off[SCENE.pins.vertices].max() < 0.1
     assert runner.parameters == 0
+
+
+def sunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the method draw the cloth in around the body's axis, through the body."""
+    usual = skinned_template.rollout
+    narrow = jnp.asarray([[[0.5, 1.0, 0.5]]])
+    monkeypatch.setattr(skinned_template, "rollout", lambda T, W, x: usual(T, W, x) * narrow)
+
+
+def deepest_mm(V: np.ndarray) -> float:
+    collider = SCENE.collider
+    assert collider is not None
+    assert SCENE.pins is not None
+    free = np.setdiff1d(np.arange(V.shape[1]), SCENE.pins.vertices)
+    local = to_root(V.astype(np.float64), MOTION.root, heading(MOTION.rotations[:, 0]))[:, free]
+    C, neighbours = root_frame_collider(SCENE, MOTION), neighbour_faces(collider.faces)
+    surfaces = (closed_surface(c, collider.faces, neighbours) for c in C)
+    return -1e3 * min(float(signed_distance(v, s).min()) for v, s in zip(local, surfaces, strict=True))
+
+
+def test_collisions_are_handled_where_the_row_asks_for_it(folder: Path, runner: Runner, monkeypatch):
+    sunk(monkeypatch)
+    run = folder / "skinned_template"
+    raw, handled = (animated(METHODS["skinned_template"].load(run, c)) for c in (None, CollisionConfig()))
+    assert deepest_mm(raw) > 5
+    assert deepest_mm(handled) < 0.1
+
+
+def test_stretch_is_limited_as_for_ours(folder: Path, runner: Runner, monkeypatch):
+    seen = []
+
+    def limit(garment, pins):
+        return lambda V: seen.append(V.shape) or V
+
+    monkeypatch.setattr(finish, "make_strain_limit", limit)
+    animated(METHODS["skinned_template"].load(folder / "skinned_template"))
+    assert seen
 
 
 def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
