@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.structs import Motion, RiggedBody
 
+SPIN_DEGREES = 90.0, 540.0  # of one quick turn
+SPIN_RATE = 250.0, 650.0  # degrees per second at its fastest: dancers spin at 400 to 600
 LEGS = ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg")
 
 
@@ -22,6 +24,7 @@ class Variation(NamedTuple):
     legs: tuple[float, float] = (0.8, 1.2)  # angle of hips and knees, as a part of their own
     turn: tuple[float, float] = (-60.0, 60.0)  # degrees per second that the whole body turns besides
     begin: tuple[float, float] = (0.0, 0.4)  # part of the motion that is left out at its beginning
+    spins: tuple[float, float] = (0.0, 0.0)  # quick turns of the whole body in ten seconds, on average
 
 
 def vary_motion(
@@ -35,9 +38,10 @@ def vary_motion(
     """Return a variation of `motion` at the same frame rate; its length follows from tempo and beginning.
 
     `legs` name the joints whose angles against their parents are scaled; those that the body lacks are
-    passed over. A turn swings slowly to and fro, so that it neither winds up nor stands still.
+    passed over. A turn swings slowly to and fro, so that it neither winds up nor stands still; spins come
+    on top.
     """
-    tempo, legs_scale, turn, begin = (rng.uniform(*bounds) for bounds in variation)
+    tempo, legs_scale, turn, begin = (rng.uniform(*bounds) for bounds in variation[:4])
     whole = resampled(motion, tempo)
     first = int(begin * (len(whole.root) - 2))
     part = Motion(whole.rotations[first:], whole.root[first:], motion.fps)
@@ -45,7 +49,23 @@ def vary_motion(
     period = rng.uniform(3.0, 8.0)  # seconds of one swing to and fro
     time = np.arange(len(part.root)) / motion.fps
     angle = np.radians(turn) * period / (2 * np.pi) * np.sin(2 * np.pi * time / period)
+    if variation.spins[1] > 0:  # else nothing more is drawn: the same seed gives the motion of before
+        angle = angle + _spins(time, rng.uniform(*variation.spins), rng)
     return _turned(part, angle)
+
+
+def _spins(time: np.ndarray, in_ten_seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """Return the angle `[t]` (radians) of quick turns at random times, each speeding up and slowing down.
+
+    Such turns fling a skirt out and wind it around the body; captured dances hold few.
+    """
+    angle = np.zeros(len(time))
+    for _ in range(rng.poisson(in_ten_seconds * time[-1] / 10.0)):
+        whole = np.radians(rng.uniform(*SPIN_DEGREES)) * rng.choice([-1.0, 1.0])
+        lasts = np.pi / 2 * abs(whole) / np.radians(rng.uniform(*SPIN_RATE))
+        begun = rng.uniform(-lasts, time[-1])
+        angle += whole * 0.5 * (1 - np.cos(np.pi * np.clip((time - begun) / lasts, 0.0, 1.0)))
+    return angle
 
 
 def cut(motion: Motion, longest: int | None, rng: np.random.Generator) -> Motion:

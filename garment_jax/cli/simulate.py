@@ -20,6 +20,9 @@ def add(commands) -> None:
     parser.add_argument(
         "--turn", type=float, default=60.0, help="a varied body turns besides, deg/s at most (default 60)"
     )
+    parser.add_argument(
+        "--spins", type=float, default=0.0, help="and spins so often in ten seconds at most (default 0)"
+    )
     parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
     parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
     parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
@@ -95,6 +98,7 @@ def run(options: argparse.Namespace) -> None:
             copies=options.copies,
             seed=options.seed,
             turn=options.turn,
+            spins=options.spins,
             longest=options.longest,
             crosses=options.crosses,
             settings=settings,

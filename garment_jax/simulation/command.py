@@ -37,6 +37,7 @@ _LEAST = {
     "skip": 0,
     "source_fps": 1,
     "turn": 0,
+    "spins": 0,
     "longest": 30,
 }
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}

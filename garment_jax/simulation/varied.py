@@ -25,6 +25,7 @@ def varied_jobs(
     copies: int,
     seed: int,
     turn: float = Variation().turn[1],
+    spins: float = Variation().spins[1],
     longest: int | None = None,
     crosses: int = 0,
     settings: ClothSettings | None = None,
@@ -32,11 +33,12 @@ def varied_jobs(
     """Return the scene of simulated clips and motions made of theirs, to train on.
 
     `copies` variations of each clip (`vary_motion`), then `crosses` motions out of three clips each
-    (`cross_motions`). `turn`: degrees per second that the body turns besides, at most; `longest`: frames
-    of a motion, which is cut out anywhere. Give training clips only: what is made of a test clip is no
-    longer unseen. In folders, clips that were made so before are passed over. Raises `FileNotFoundError`
-    where there are none, `ValueError` for clips of different scenes, in another unit or with a broken motion,
-    for those simulated here with other `settings`, and for fewer than three clips to cross.
+    (`cross_motions`). `turn`: degrees per second that the body turns besides, at most; `spins`: quick turns
+    in ten seconds, at most; `longest`: frames of a motion, which is cut out anywhere. Give training clips
+    only: what is made of a test clip is no longer unseen. In folders, clips that were made so before are
+    passed over. Raises `FileNotFoundError` where there are none, `ValueError` for clips of different scenes,
+    in another unit or with a broken motion, for those simulated here with other `settings`, and for fewer
+    than three clips to cross.
     """
     if not copies and not crosses:
         raise ValueError("--copies 0 and --crosses 0 make no clips; give one of them.")
@@ -48,7 +50,7 @@ def varied_jobs(
             f"--crosses {crosses} needs three clips at least and {len(files)} are there; name more."
         )
     scene, motions = _read(files, settings)
-    variation = Variation(turn=(-turn, turn))
+    variation = Variation(turn=(-turn, turn), spins=(0.0, spins))
     jobs = []
     for name, motion in motions:
         for copy in range(1, copies + 1):
@@ -58,7 +60,7 @@ def varied_jobs(
     for k in range(crosses):
         rng = np.random.default_rng([seed, _CROSS, k])
         drawn = [motions[i] for i in rng.choice(len(motions), 3, replace=False)]
-        crossed = _crossed([motion for _, motion in drawn], scene, rng, turn, longest)
+        crossed = _crossed([motion for _, motion in drawn], scene, rng, variation, longest)
         names = ", ".join(name for name, _ in drawn)
         jobs.append(Job(f"cross_{seed}_{k:03d}", "train", crossed, made_from=names))
     return scene, jobs
@@ -89,10 +91,14 @@ def _read(files: Sequence[Path], settings: ClothSettings | None) -> tuple[Scene,
 
 
 def _crossed(
-    motions: Sequence[Motion], scene: Scene, rng: np.random.Generator, turn: float, longest: int | None
+    motions: Sequence[Motion],
+    scene: Scene,
+    rng: np.random.Generator,
+    variation: Variation,
+    longest: int | None,
 ) -> Motion:
     """Return a motion out of variations of three."""
-    variation = Variation(begin=(0.0, 0.0), turn=(-turn, turn))
+    variation = variation._replace(begin=(0.0, 0.0))
     first, second, third = (
         cut(vary_motion(motion, scene.body, rng, variation=variation), longest, rng) for motion in motions
     )

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import joint_positions
-from garment_jax.body.vary import LEGS, Variation, cut, resampled, vary_motion
+from garment_jax.body.root_frame import heading
+from garment_jax.body.vary import LEGS, SPIN_RATE, Variation, cut, resampled, vary_motion
 from garment_jax.structs import Motion
 from tests.reference.scene import make_body, make_motion, make_scene
 
@@ -69,6 +70,32 @@ def test_a_turn_keeps_heights_and_the_length_of_every_step(dance):
     np.testing.assert_allclose(heights(turned), heights(dance), atol=1e-5)
     step = np.linalg.norm(np.diff(turned.root, axis=0), axis=1)
     np.testing.assert_allclose(step, np.linalg.norm(np.diff(dance.root, axis=0), axis=1), atol=1e-9)
+
+
+def test_spins_turn_the_whole_body_quickly_and_come_to_rest():
+    still = Motion(
+        np.broadcast_to(np.eye(3, dtype=np.float32), (600, len(BODY.joints), 3, 3)).copy(),
+        np.zeros((600, 3)),
+        30.0,
+    )
+    spun = varied(still, seed=1, spins=(3.0, 3.0))
+    angle = np.unwrap(heading(spun.rotations[:, 0].astype(np.float64)))
+    rate = np.degrees(np.diff(angle)) * 30.0
+    assert 250.0 < np.abs(rate).max() <= 2 * SPIN_RATE[1]  # two may fall together
+    assert (np.abs(rate) < 1e-3).any()
+    local = np.swapaxes(spun.rotations[:, :1], -1, -2) @ spun.rotations
+    np.testing.assert_allclose(local, still.rotations, atol=1e-5)
+
+
+def test_spins_leave_what_else_a_seed_draws_as_it_was(dance):
+    bounds = {"tempo": (0.8, 1.2), "legs": (0.8, 1.2), "turn": (-60.0, 60.0), "begin": (0.0, 0.3)}
+    calm, spun = varied(dance, **bounds), varied(dance, **bounds, spins=(30.0, 30.0))
+
+    def local(motion: Motion) -> np.ndarray:
+        return np.swapaxes(motion.rotations[:, :1], -1, -2) @ motion.rotations
+
+    np.testing.assert_allclose(local(spun), local(calm), atol=1e-5)
+    assert np.abs(spun.rotations - calm.rotations).max() > 0.1
 
 
 def test_a_later_beginning_leaves_the_rest_alone(dance):

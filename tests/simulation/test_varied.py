@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from garment_jax.body.root_frame import heading
 from garment_jax.simulation.clips import ENGINE
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.varied import varied_jobs
@@ -23,6 +24,17 @@ def test_varied_clips_are_seeded_and_named_after_theirs(tmp_path: Path):
     np.testing.assert_array_equal(jobs[2].motion.rotations, again.rotations)
     other = varied_jobs([tmp_path / "waltz.h5"], copies=1, seed=1)[1][0].motion
     assert len(other.root) != len(again.root) or np.abs(other.root - again.root).max() > 1e-3
+
+
+def test_spins_reach_variations_and_crossed_motions(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2), ("jig", 3)):
+        write_clip(tmp_path / f"{name}.h5", 90, seed, attributes={"name": name})
+    calm, spun = (varied_jobs([tmp_path], copies=1, crosses=1, seed=5, spins=k)[1] for k in (0.0, 40.0))
+    for before, after in zip(calm[:3], spun[:3], strict=True):
+        assert np.abs(before.motion.rotations[:, 0] - after.motion.rotations[:, 0]).max() > 0.1
+    crossed = [job.motion.rotations.astype(np.float64) for job in (calm[3], spun[3])]
+    frames = min(map(len, crossed))
+    assert np.abs(heading(crossed[0][:frames, 0]) - heading(crossed[1][:frames, 0])).max() > 0.1
 
 
 def test_clips_of_two_scenes_are_not_varied_together(tmp_path: Path):
