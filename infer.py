@@ -16,6 +16,9 @@ def main() -> int:
         help="move by codes, the paper's way, in place of local dynamics",
     )
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
+    parser.add_argument(
+        "--no-lengths", action="store_true", help="leave edges as short as the networks have them"
+    )
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
     parser.add_argument(
         "--preroll", type=int, default=0, help="frames from the canonical pose before the first"

@@ -21,7 +21,6 @@ from measured import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision import make_collider_tables, make_collision_tables
 from garment_jax.collision.sides import first_sides, keep_sides, make_side_tables
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.piercing import pierced_bones
@@ -44,10 +43,7 @@ def measure(path: Path, truth: Path) -> dict[str, Any]:
     assert scene.pins is not None
     T, faces = scene.garment.template, scene.garment.faces
     limbs = limbs_of(scene.body, scene.collider)
-    tables = make_collision_tables(
-        T, uniform_table(faces, len(T)), make_collider_tables(scene.collider, scene.body)
-    )
-    sides = make_side_tables(T, faces, limbs, tables)
+    sides = make_side_tables(T, faces, limbs, uniform_table(faces, len(T)))
     assert sides is not None
     carried = carried_points(scene, collider=False, limbs=limbs)
     bones = pose_carried(carried, scene, motion, slice(0, len(V))).bones

@@ -181,6 +181,7 @@ class TrainingConfig:
 @dataclass(frozen=True)
 class RolloutConfig:
     chunk: int = 256  # frames per compiled piece
+    lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,7 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, dynamics) counts where it differs from the
+    What came later (baselines, decomposition, skin_reach, dynamics, lengths) counts where it differs from the
     defaults, so that older hashes hold.
     """
     values = to_dict(config)
@@ -292,6 +293,8 @@ def content_hash(config: Config) -> str:
     for key in ("decomposition", "skin_reach"):
         if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
             del values["generative"][key]
+    if config.rollout.lengths == RolloutConfig().lengths:
+        del values["rollout"]["lengths"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -110,7 +110,7 @@ class Plan:
             timing.frames,
             timing.steps,
             timing.batch,
-            to_dict(self.loaded.base)["rollout"],
+            {"chunk": self.loaded.base.rollout.chunk},
         ]
         return train._replace(kind=TIME, done=self._result(row, seed, TIME, parts))
 
@@ -178,10 +178,13 @@ class Plan:
         """Return what a rollout depends on beside the trained run."""
         if is_reconstruction(row) and row.method != OURS:
             return [row.task]
-        collision = to_dict(self.config(row, seed))["collision"] if row.collision else None
+        config = self.config(row, seed)
+        collision = to_dict(config)["collision"] if row.collision else None
+        # counted where it is on: it came later, and the names of older results hold
+        lengths = ["lengths"] if config.rollout.lengths else []
         if row.method != OURS:
-            return [row.task, FINISHED, collision]
-        return [row.task, row.detail, row.precision, collision]
+            return [row.task, FINISHED, collision, *lengths]
+        return [row.task, row.detail, row.precision, collision, *lengths]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:
         return self.out / "results" / f"{row.name}-s{seed}-{kind}-{digest(parts)}.json"

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -27,6 +28,7 @@ def infer(
     out: str | None,
     no_dynamics: bool = False,
     no_detail: bool = False,
+    no_lengths: bool = False,
     no_collision: bool = False,
     preroll: int = 0,
     plan: bool = False,
@@ -43,6 +45,9 @@ def infer(
 
     here = warm_start()
     facts, whole = _facts(model)
+    read = partial(_read, model, lengths=not no_lengths)
+    if whole is not None and no_lengths:
+        whole = read(whole=whole)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
         scene, moves = sequence.scene, sequence.motion
@@ -58,18 +63,18 @@ def infer(
     )
     name = "whole model"
     if budget_ms is not None:
-        whole = _as_planned(whole or _read(model, ()), scene_plan)
+        whole = _as_planned(whole or read(), scene_plan)
         name, scene_plan, whole, line = _within(budget_ms, model, whole, scene, moves, scene_plan, here)
         yield line
     if plan:
-        planned = _as_planned(whole or _read(model, ()), scene_plan)
+        planned = _as_planned(whole or read(), scene_plan)
         yield from _explained(planned, scene, moves, scene_plan, name, here)
     if out is None:
         return
     from garment_jax.rollout.animate import animate_file
 
     if whole is None:
-        whole = _read(model, scene_plan.leave_out)
+        whole = read(scene_plan.leave_out)
     figures = animate_file(whole, motion, out, preroll=preroll, plan=scene_plan, store=here.store)
     rate = figures["frames"] / figures["seconds"]
     took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
@@ -125,10 +130,15 @@ def _facts(path: str):
     return facts_of(model), model
 
 
-def _read(path: str, leave_out: tuple[str, ...]) -> "Model":
+def _read(
+    path: str, leave_out: tuple[str, ...] = (), *, lengths: bool, whole: "Model | None" = None
+) -> "Model":
+    """Return the model at `path`, or `whole` where it is read already; edge lengths restored or not."""
     from garment_jax.rollout.model import load_model
+    from garment_jax.rollout.variants import without_lengths
 
-    return load_model(path, leave_out=leave_out)
+    model = whole or load_model(path, leave_out=leave_out)
+    return model if lengths else without_lengths(model)
 
 
 def _detail_mm(path: str) -> float | None:
@@ -182,7 +192,9 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
     return [
         row
         for row in rows
-        if (row.variant.detail <= plan.detail or plan.dynamics) and row.variant.collision <= plan.collision
+        if (row.variant.detail <= plan.detail or plan.dynamics)
+        and row.variant.collision <= plan.collision
+        and row.variant.lengths <= model.config.rollout.lengths
     ]
 
 

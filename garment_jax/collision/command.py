@@ -149,7 +149,7 @@ def _resolved(
     tables = make_collision_tables(garment.template, table, surface)
     held = np.zeros(0, np.int32) if pins is None else pins.vertices
     bones = limbs_of(scene.body, solid.collider) if limbs else None
-    sides = bones and make_side_tables(garment.template, garment.faces, bones, tables)
+    sides = bones and make_side_tables(garment.template, garment.faces, bones, table)
     resolve = make_resolver(tables, pins=held, options=options, sides=sides)
     carried = carried_points(scene, collider=True, limbs=bones)
     size, carry = min(WINDOW, sequence.frames), None

@@ -18,8 +18,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from garment_jax.body.limbs import Limbs
-from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.elastic import (
+    ElasticTables,
+    accelerated,
+    dot,
+    elastic_gradient,
+    make_elastic_tables,
+    planes_laplacian,
+)
+from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.topology import unique_edges
 
 CORE = 0.8  # part of a limb's radius within which a way counts as through it
@@ -37,14 +44,7 @@ class SideTables(NamedTuple):
     faces: np.ndarray  # [f, 3] int32
     radius: np.ndarray  # [q] float32 metres, of the limbs' bones
     reach: float  # metres, the longest edge: a bone that crosses a face is so near to a vertex
-    index: np.ndarray  # [k, n] int32 one-ring, padded with the vertex itself
-    rest: np.ndarray  # [k, n] float32 metres, the template's edges; 0 where padded
-    weight: np.ndarray  # [k, n] float32 of the Laplacian
-    weight_back: np.ndarray  # [k, n]
-    total: np.ndarray  # [n] sum of a vertex' weights
-    hold: float  # weight of the distance from the prediction, beside the Laplacian's 1
-    spring: float  # weight of the edges' lengths
-    lipschitz: float  # bound of the energy's second derivative
+    elastic: ElasticTables
 
 
 class SideState(NamedTuple):
@@ -57,7 +57,7 @@ class SideState(NamedTuple):
 
 
 def make_side_tables(
-    template: np.ndarray, faces: np.ndarray, limbs: Limbs, tables: CollisionTables
+    template: np.ndarray, faces: np.ndarray, limbs: Limbs, table: LaplacianTable
 ) -> SideTables | None:
     """Return the tables of a garment (`template` `[n, 3]` metres, `faces` `[f, 3]`); None without limbs."""
     edges = unique_edges(np.asarray(faces))
@@ -65,19 +65,9 @@ def make_side_tables(
         return None
     T = np.asarray(template, np.float64)
     length = np.linalg.norm(T[edges[:, 0]] - T[edges[:, 1]], axis=1)
-    index = np.asarray(tables.index, np.int32).T
-    rest = np.linalg.norm(T[index] - T[None], axis=-1).astype(np.float32)
-    weight, back = np.asarray(tables.weight).T, np.asarray(tables.weight_back).T
-    mean = float(length.mean())
-    hold, spring = (mean / (2 * SPREAD)) ** 4, (mean / THICKNESS) ** 2
-    ring = int((rest > 0).sum(axis=0).max())  # twice as much bounds the springs' largest eigenvalue
-    bound = float(tables.lipschitz) + hold + 2 * ring * spring
-    radius = limbs.radius.astype(np.float32)
     reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
-    faces = np.asarray(faces, np.int32)
-    return SideTables(
-        faces, radius, reach, index, rest, weight, back, weight.sum(axis=0), hold, spring, bound
-    )
+    elastic = make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS)
+    return SideTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
 
 
 def first_sides(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> SideState:
@@ -139,7 +129,7 @@ def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: Sid
 
     def crossed(bone: Array) -> Array:
         p, q = tuple(bone[0]), tuple(bone[1])
-        sides = _dot(normal, _minus(p, a)) * _dot(normal, _minus(q, a)) < 0
+        sides = dot(normal, _minus(p, a)) * dot(normal, _minus(q, a)) < 0
         u, v, w = (_volume(p, q, *edge) for edge in ((a, b), (b, c), (c, a)))
         through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
         return (sides & through).any()
@@ -159,52 +149,19 @@ def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
     ]
     direction = jnp.stack([u for u, _ in planes])  # [q, 3, n], 0 where there is no plane
     height = jnp.stack([h for _, h in planes])
-    flat = materialised(P).reshape(-1)
-    L_f = _laplacian(flat, P, tables, tables.weight)
+    elastic = tables.elastic
+    L_f = planes_laplacian(P, elastic)
 
     def step(_, carry):
         x, y, theta = carry
-        new = y - jnp.where(free[None], energy_gradient(y, P, L_f, tables), 0.0) / tables.lipschitz
+        new = y - jnp.where(free[None], elastic_gradient(y, P, L_f, elastic), 0.0) / elastic.lipschitz
         for b in range(len(planes)):
-            new = new + jnp.maximum(height[b] - _dot(direction[b], new), 0.0)[None] * direction[b]
-        uphill = jnp.vdot(y - new, new - x) > 0  # O'Donoghue and Candes 2015
-        following = jnp.where(uphill, 1.0, (1 + jnp.sqrt(1 + 4 * theta**2)) / 2)
-        beta = jnp.where(uphill, 0.0, (theta - 1) / following)
-        return new, new + beta * (new - x), following
+            new = new + jnp.maximum(height[b] - dot(direction[b], new), 0.0)[None] * direction[b]
+        return accelerated(new, x, y, theta)
 
     x = state.x.T
     wanted = direction.any() | x.any()
     return jax.lax.fori_loop(0, jnp.where(wanted, STEPS, 0), step, (x, x, jnp.ones((), x.dtype)))[0]
-
-
-def energy_gradient(
-    x: Float[Array, "3 n"], P: Float[Array, "3 n"], L_f: Float[Array, "3 n"], tables: SideTables
-) -> Float[Array, "3 n"]:
-    """Return the gradient of the energy at the displacement `x` from `P`, gathers alone.
-
-    1/2 ||Lap(P + x) - L_f||^2 + hold/2 ||x||^2 + spring/2 sum over edges (length - rest length)^2.
-    """
-    at = P + x
-    flat = materialised(at).reshape(-1)
-    r = _laplacian(flat, at, tables, tables.weight) - L_f
-    bent = _laplacian(materialised(r).reshape(-1), r, tables, tables.weight_back)
-    n = at.shape[1]
-    pulled = jnp.zeros_like(at)
-    for k in range(len(tables.index)):
-        e = at - jnp.stack([flat[jnp.asarray(tables.index[k]) + axis * n] for axis in range(3)])
-        length = jnp.sqrt(jnp.maximum(_dot(e, e), 1e-12))
-        pulled = pulled + (1 - jnp.asarray(tables.rest[k]) / length)[None] * e
-    return bent + tables.hold * x + tables.spring * pulled
-
-
-def _laplacian(flat: Array, at: Array, tables: SideTables, weight: np.ndarray) -> Array:
-    """Return sum_k w_ik (x_k - x_i) `[3, n]`; the transpose with `weight_back` has the same diagonal."""
-    n = at.shape[1]
-    out = -jnp.asarray(tables.total)[None] * at
-    for k in range(len(tables.index)):
-        around = jnp.stack([flat[jnp.asarray(tables.index[k]) + axis * n] for axis in range(3)])
-        out = out + jnp.asarray(weight[k])[None] * around
-    return out
 
 
 def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
@@ -224,27 +181,27 @@ def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     along = jnp.clip(axis @ (carried - start[:, None]) / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
     foot = start[:, None] + along[None] * axis[:, None]  # of the bone alone: over a bent knee its end counts
     side = carried - foot
-    away = jnp.sqrt(jnp.maximum(_dot(side, side), 1e-12))
+    away = jnp.sqrt(jnp.maximum(dot(side, side), 1e-12))
     nearest = jnp.minimum(*(_segment_distance(carried, end, start, axis) for end in ends))
     kept = (nearest < CORE * radius) & free & (1 + cosine > FLIP) & (away > 0.3 * radius)
     direction = jnp.where(kept[None], side / away[None], 0.0)
     # cloth that lies on a thinner part of the limb is outside there: it is not pushed out to the radius
-    height = jnp.minimum(radius, away) - _dot(direction, ends[0] - foot)
+    height = jnp.minimum(radius, away) - dot(direction, ends[0] - foot)
     return direction, jnp.where(kept, height, 0.0)
 
 
 def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:
     """Return the least distance of the segments a -> b `[3, n]` from the segment start -> start + axis."""
     way, apart = b - a, a - start[:, None]
-    A, E = jnp.maximum(_dot(way, way), 1e-12), jnp.maximum(axis @ axis, 1e-12)
-    B, C, F = axis @ way, _dot(way, apart), axis @ apart
+    A, E = jnp.maximum(dot(way, way), 1e-12), jnp.maximum(axis @ axis, 1e-12)
+    B, C, F = axis @ way, dot(way, apart), axis @ apart
     slant = A * E - B * B
     s = jnp.where(slant > 1e-6 * A * E, (B * F - C * E) / jnp.maximum(slant, 1e-20), 0.0)
     s = jnp.clip(s, 0.0, 1.0)
     t = jnp.clip((B * s + F) / E, 0.0, 1.0)
     s = jnp.clip((B * t - C) / A, 0.0, 1.0)
     gap = apart + s[None] * way - t[None] * axis[:, None]
-    return jnp.sqrt(_dot(gap, gap))
+    return jnp.sqrt(dot(gap, gap))
 
 
 def _from_bone(P: Array, bone: Array) -> Array:
@@ -253,11 +210,7 @@ def _from_bone(P: Array, bone: Array) -> Array:
     apart = P - bone[0][:, None]
     t = jnp.clip(axis @ apart / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
     gap = apart - t[None] * axis[:, None]
-    return jnp.sqrt(_dot(gap, gap))
-
-
-def _dot(u, v) -> Array:
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    return jnp.sqrt(dot(gap, gap))
 
 
 def _minus(u, v) -> tuple[Array, Array, Array]:
@@ -269,4 +222,4 @@ def _cross(u, v) -> tuple[Array, Array, Array]:
 
 
 def _volume(p, q, a, b) -> Array:
-    return _dot(_cross(_minus(q, p), _minus(a, p)), _minus(b, p))
+    return dot(_cross(_minus(q, p), _minus(a, p)), _minus(b, p))

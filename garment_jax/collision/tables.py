@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.geometry.elastic import lipschitz, transposed_weights
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.surface_tables import SurfaceTables, make_surface_tables, point_groups
 from garment_jax.structs import Collider, RiggedBody
@@ -61,44 +62,3 @@ def make_collision_tables(
     bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
     return CollisionTables(surface, groups, slot, order, np.asarray(table.index), weight, back, bound)
-
-
-def transposed_weights(table: LaplacianTable) -> np.ndarray:
-    """Return `[n, k]` weights w_ji at the slots of w_ij, so that the transpose is a gather too.
-
-    Raises `ValueError` when the one-ring is not symmetric.
-    """
-    n, k = table.index.shape
-    row = np.repeat(np.arange(n), k)
-    column = np.asarray(table.index, np.int64).reshape(-1)  # int32 squared overflows beyond 46,340 vertices
-    real = row != column
-    forward, backward = row * n + column, column * n + row
-    order = np.argsort(forward[real])
-    sorted_codes = forward[real][order]
-    place = np.searchsorted(sorted_codes, backward[real])
-    if not np.array_equal(sorted_codes[np.minimum(place, len(order) - 1)], backward[real]):
-        raise ValueError(
-            "the Laplacian's one-ring is not symmetric; build it with uniform_table or cotangent_table."
-        )
-    back = np.zeros(n * k, np.float32)
-    back[real] = np.asarray(table.weight).reshape(-1)[real][order[place]]
-    return back.reshape(n, k)
-
-
-def lipschitz(table: LaplacianTable, back: np.ndarray, *, steps: int = 60) -> float:
-    """Return an upper estimate of the largest eigenvalue of Lap^T Lap, by power iteration.
-
-    A few per cent are added, since the iteration comes from below and a step that is too long
-    diverges while one that is too short is only slow.
-    """
-    x = np.random.default_rng(0).normal(size=len(table.index))
-    total = table.weight.sum(axis=1)
-    value = 0.0
-    for _ in range(steps):
-        r = (table.weight * x[table.index]).sum(axis=1) - total * x
-        x = (back * r[table.index]).sum(axis=1) - total * r
-        value = float(np.linalg.norm(x))
-        if value == 0.0:
-            return 1.0  # no edges at all: nothing resists, and any step is right
-        x /= value
-    return 1.05 * value

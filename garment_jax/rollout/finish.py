@@ -47,9 +47,10 @@ def make_finisher(
     """Return a function (motion, its root `[t, 3]` float64 metres, its yaw `[t]`) that begins it: a `Finish`.
 
     Chunks must come in order. Pinned vertices are the body's, and the cloth beside them follows
-    (`attachment`); edges that are too long are brought back (`strain_limit`); with `collision`, limbs and
-    collisions are handled as `config.collision` says. `out_of_reach`, `programs` and `facts` as in
-    `make_animator` and `make_chunk_resolver`.
+    (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
+    where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
+    `config.collision` says. `out_of_reach`, `programs` and `facts` as in `make_animator` and
+    `make_chunk_resolver`.
     """
     collision = collision and scene.collider is not None
     follow = collision and config.collision.limbs
@@ -67,9 +68,15 @@ def make_finisher(
         resolver()
     attach = make_attachment(scene.garment, carried.pins)
     limit = make_strain_limit(scene.garment, carried.pins)
+    restore = None
+    if config.rollout.lengths:
+        from garment_jax.rollout.edge_lengths import make_length_restorer
+
+        restore = make_length_restorer(template.T, template.laplacian, carried.pins)
 
     def begin(motion: Motion, root: np.ndarray, yaw: np.ndarray) -> Finish:
         resolve = [resolver()()] if collision and bound is None else []
+        restored = restore and restore()
 
         def finish(V: jax.Array, frames: slice) -> Chunk:
             count = frames.stop - frames.start
@@ -78,6 +85,8 @@ def make_finisher(
             deepest, figures = np.zeros(count, np.float32), None
             # the rollout has padded the last chunk already
             V = limit(attach(V, jnp.asarray(repeated_last(pins, len(V)))))
+            if restored is not None:
+                V = restored(V)
             if bound is not None and not resolve and _leaves(bound, V, pins):
                 resolve.append(resolver()())
             if resolve:

@@ -59,7 +59,7 @@ def _rows(plan: ScenePlan, costs: dict[str, float]) -> list[tuple[str, str, str,
 
     state = "on" if plan.previous_state else "off"
     what = "local dynamics" if plan.dynamics else "motion encoder and decoders"
-    rows = [("networks", "on", spelled("networks", True), f"{what}, pins, world placement")]
+    rows = [("networks", "on", spelled("networks", True), f"{what}, pins, edge lengths, world placement")]
     rows.append(
         (
             "dynamics",

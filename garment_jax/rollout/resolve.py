@@ -53,7 +53,7 @@ def make_chunk_resolver(
     surface = make_collider_tables(scene.collider, scene.body)
     tables = make_collision_tables(template.T, template.laplacian, surface)
     options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
-    sides = None if limbs is None else make_side_tables(template.T, scene.garment.faces, limbs, tables)
+    sides = limbs and make_side_tables(template.T, scene.garment.faces, limbs, template.laplacian)
     pins = None if scene.pins is None else scene.pins.vertices
     frames, n = config.rollout.chunk, len(template.T)
     c, p = (

@@ -21,6 +21,7 @@ class Variant(NamedTuple):
 
     detail: bool = True
     collision: bool = True
+    lengths: bool = True  # edges that are too short come back to their lengths
     dynamics: bool = True  # where the model has them
     iterations: int | None = None  # of the collision solver at most; None: the model's
     rank: int | None = None  # of D_rec's last layer; None: the model's
@@ -34,11 +35,12 @@ VARIANTS: dict[str, Variant] = {
     "no detail, rank 32": Variant(detail=False, rank=32),
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
-    "no collision, no detail, bfloat16 last layers": Variant(
-        detail=False, collision=False, last_layers="bfloat16"
+    "networks alone": Variant(detail=False, collision=False, lengths=False),
+    "networks alone, bfloat16 last layers": Variant(
+        detail=False, collision=False, lengths=False, last_layers="bfloat16"
     ),
-    "no collision, no detail, rank 32": Variant(detail=False, collision=False, rank=32),
-    "no collision, no detail, rank 16": Variant(detail=False, collision=False, rank=16),
+    "networks alone, rank 32": Variant(detail=False, collision=False, lengths=False, rank=32),
+    "networks alone, rank 16": Variant(detail=False, collision=False, lengths=False, rank=16),
 }
 
 
@@ -93,9 +95,16 @@ def apply_variant(model: Model, variant: Variant) -> Model:
     if variant.iterations is not None:
         settings = replace(model.config.collision, iterations=variant.iterations)
         model = model._replace(config=replace(model.config, collision=settings))
+    if not variant.lengths:
+        model = without_lengths(model)
     if variant.rank is not None:
         model = with_rank(model, variant.rank)
     return model if variant.last_layers == "float32" else _narrowed(model, variant.last_layers)
+
+
+def without_lengths(model: Model) -> Model:
+    """Return the model whose rollouts leave edges as short as the networks have them."""
+    return model._replace(config=replace(model.config, rollout=replace(model.config.rollout, lengths=False)))
 
 
 def with_rank(model: Model, rank: int) -> Model:

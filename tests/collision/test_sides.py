@@ -11,18 +11,20 @@ from garment_jax.body.limbs import Limbs
 from garment_jax.collision import sides
 from garment_jax.collision.sides import SideTables, first_sides, keep_sides, make_side_tables
 from garment_jax.evaluation.piercing import pierced_bones
+from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
-from tests.collision.cloth import sheet, tables
+from tests.collision.cloth import sheet
 
 RADIUS = 0.08
 LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([RADIUS, RADIUS]))
 REST, FACES = sheet(0.0)
+TABLE = uniform_table(FACES, len(REST))
 FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of the sheet is pinned
 
 
 @lru_cache
 def made() -> SideTables:
-    result = make_side_tables(REST, FACES, LIMBS, tables()[0])
+    result = make_side_tables(REST, FACES, LIMBS, TABLE)
     assert result is not None
     return result
 
@@ -125,7 +127,7 @@ def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
     """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
     longer = jnp.asarray((1.05 * REST).astype(np.float32))
     bones = np.repeat(np.array([[[0.02, -0.1, 0.03], [0.02, 0.1, 0.03]]], np.float32), 2, 0)
-    thin = make_side_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), tables()[0])
+    thin = make_side_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
     assert thin is not None
     state = first_sides(longer, jnp.asarray(bones))
     for _ in range(3):
@@ -184,37 +186,9 @@ def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
     np.testing.assert_allclose(found, apart.min(axis=(1, 2)), atol=0.01)
 
 
-def test_the_gradient_is_that_of_the_energy():
-    table, t = tables()[0], made()
-    rng = np.random.default_rng(1)
-    P = jnp.asarray(REST.T)
-    x = jnp.asarray(rng.normal(0, 0.01, P.shape).astype(np.float32))
-    edges = unique_edges(FACES)
-    rest = np.linalg.norm(REST[edges[:, 0]] - REST[edges[:, 1]], axis=1)
-
-    def laplace(V):
-        around = (V[:, jnp.asarray(table.index)] * jnp.asarray(table.weight)[None]).sum(-1)
-        return around - jnp.asarray(table.weight.sum(axis=1))[None] * V
-
-    def energy(x):
-        at = P + x
-        e = jnp.sqrt(((at[:, edges[:, 0]] - at[:, edges[:, 1]]) ** 2).sum(axis=0))
-        bent = laplace(at) - laplace(P)
-        return 0.5 * ((bent**2).sum() + t.hold * (x**2).sum() + t.spring * ((e - rest) ** 2).sum())
-
-    found = sides.energy_gradient(x, P, laplace(P), t)
-    np.testing.assert_allclose(found, jax.grad(energy)(x), atol=2e-6)
-    # no step along it is longer than the energy allows
-    for _ in range(5):
-        d = rng.normal(size=x.shape).astype(np.float32)
-        d = jnp.asarray(d / np.linalg.norm(d))
-        second = jax.jvp(jax.grad(energy), (jnp.zeros_like(x),), (d,))[1]
-        assert jnp.linalg.norm(second) <= t.lipschitz
-
-
 def test_a_body_without_limbs_needs_no_tables():
     none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
-    assert make_side_tables(REST, FACES, none, tables()[0]) is None
+    assert make_side_tables(REST, FACES, none, TABLE) is None
 
 
 def test_the_next_frame_goes_on_from_what_came_out_of_the_body():

@@ -1,0 +1,107 @@
+"""The elastic energy against sums over edges and dense matrices, its gradient against autodiff."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.geometry.elastic import (
+    accelerated,
+    elastic_gradient,
+    lipschitz,
+    make_elastic_tables,
+    planes_laplacian,
+    transposed_weights,
+)
+from garment_jax.geometry.laplacian import cotangent_table, uniform_table
+from garment_jax.geometry.topology import unique_edges
+from tests.collision.cloth import sheet
+
+REST, FACES = sheet(0.0)
+EDGES = unique_edges(FACES)
+LENGTHS = np.linalg.norm(REST[EDGES[:, 0]] - REST[EDGES[:, 1]], axis=1)
+
+
+def dense(index: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the weights as a matrix, by a loop."""
+    matrix = np.zeros((len(index), len(index)))
+    for i in range(len(index)):
+        for j, w in zip(index[i], weight[i], strict=True):
+            matrix[i, j] += w
+    return matrix
+
+
+@pytest.mark.parametrize("kind", ["uniform", "cotangent"])
+def test_transposed_weights_are_the_transpose(kind):
+    V, faces = sheet()
+    V = V + np.random.default_rng(0).normal(scale=0.01, size=V.shape)
+    table = uniform_table(faces, len(V)) if kind == "uniform" else cotangent_table(V, faces)
+    forward, back = dense(table.index, table.weight), dense(table.index, transposed_weights(table))
+    np.testing.assert_allclose(back, forward.T, atol=1e-7)
+
+
+def test_transposed_weights_of_fifty_thousand_vertices():
+    n = 50_000  # its square is beyond 32 bits
+    k = np.arange(n - 2, dtype=np.int32)
+    table = uniform_table(np.stack([k, k + 1, k + 2], axis=1), n)  # a strip
+    back = transposed_weights(table)
+    i = np.random.default_rng(0).integers(2, n - 2, 1000)
+    for j in (i - 2, i - 1, i + 1, i + 2):
+        there = (table.weight[j] * (table.index[j] == i[:, None])).sum(axis=1)
+        here = (back[i] * (table.index[i] == j[:, None])).sum(axis=1)
+        np.testing.assert_allclose(here, there)
+
+
+def test_lipschitz_is_just_above_the_largest_eigenvalue():
+    V, faces = sheet()
+    table = uniform_table(faces, len(V))
+    matrix = dense(table.index, table.weight) - np.eye(len(V))
+    largest = np.linalg.norm(matrix, 2) ** 2
+    assert largest <= lipschitz(table, transposed_weights(table)) <= 1.1 * largest
+
+
+@pytest.mark.parametrize("kind", ["uniform", "cotangent"])
+@pytest.mark.parametrize("stretched", [True, False])
+def test_the_gradient_is_that_of_the_energy(kind, stretched):
+    table = uniform_table(FACES, len(REST)) if kind == "uniform" else cotangent_table(REST, FACES)
+    t = make_elastic_tables(REST, table, spread=0.13, thickness=0.04, stretched=stretched)
+    rng = np.random.default_rng(1)
+    P = jnp.asarray(0.97 * REST.T.astype(np.float32))
+    x = jnp.asarray(rng.normal(0, 0.01, P.shape).astype(np.float32))
+    laplace = jnp.asarray(dense(table.index, table.weight) - np.eye(len(REST)), jnp.float32)
+
+    def energy(x):
+        at = P + x
+        change = jnp.sqrt(((at[:, EDGES[:, 0]] - at[:, EDGES[:, 1]]) ** 2).sum(axis=0)) - LENGTHS
+        change = change if stretched else jnp.minimum(change, 0.0)
+        bent = x @ laplace.T
+        return 0.5 * ((bent**2).sum() + t.hold * (x**2).sum() + t.spring * (change**2).sum())
+
+    found = elastic_gradient(x, P, planes_laplacian(P, t), t)
+    np.testing.assert_allclose(found, jax.grad(energy)(x), atol=2e-6)
+    # no step along it is longer than the energy allows
+    for _ in range(5):
+        d = rng.normal(size=x.shape).astype(np.float32)
+        d = jnp.asarray(d / np.linalg.norm(d))
+        second = jax.jvp(jax.grad(energy), (jnp.zeros_like(x),), (d,))[1]
+        assert jnp.linalg.norm(second) <= t.lipschitz
+
+
+def test_the_weights_follow_from_two_lengths_and_the_mesh():
+    t = make_elastic_tables(REST, uniform_table(FACES, len(REST)), spread=0.1, thickness=0.05)
+    mean = LENGTHS.mean()
+    assert t.hold == pytest.approx((mean / 0.2) ** 4)
+    assert t.spring == pytest.approx((mean / 0.05) ** 2)
+
+
+def test_momentum_ends_where_it_points_uphill_and_reaches_a_quadratic_minimum():
+    scale = jnp.asarray([[1.0], [0.1], [0.02]])
+    x = y = jnp.ones((3, 1))
+    theta = jnp.ones(())
+    for _ in range(200):
+        x, y, theta = accelerated(y - scale * y, x, y, theta)
+    assert jnp.abs(x).max() < 1e-4
+    x = jnp.ones((3, 1))
+    new, ahead, theta = accelerated(0.5 * x, x, 0.0 * x, jnp.asarray(9.0))
+    np.testing.assert_array_equal(ahead, new)
+    assert theta == 1.0

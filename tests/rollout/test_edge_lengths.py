@@ -1,0 +1,129 @@
+"""Edges that are too short: they come back as folds, in small steps, and nothing else moves."""
+
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.geometry.elastic import ElasticTables, make_elastic_tables
+from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.geometry.topology import unique_edges
+from garment_jax.rollout.edge_lengths import (
+    SPREAD,
+    STEPS,
+    THICKNESS,
+    LengthState,
+    make_length_restorer,
+    restore_lengths,
+)
+
+SIDE, EDGE = 24, 0.02
+PINS = np.arange(SIDE, dtype=np.int32)  # one border
+
+
+def flat_sheet() -> tuple[np.ndarray, np.ndarray]:
+    """Return a flat sheet of `SIDE` x `SIDE` vertices, `EDGE` metres apart, and its faces."""
+    u, v = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
+    V = np.stack([EDGE * u.ravel(), np.zeros(SIDE * SIDE), EDGE * v.ravel()], axis=1)
+    a = (u[:-1, :-1] * SIDE + v[:-1, :-1]).ravel()
+    faces = np.concatenate([np.stack([a, a + 1, a + SIDE], 1), np.stack([a + 1, a + SIDE + 1, a + SIDE], 1)])
+    return V.astype(np.float32), faces.astype(np.int32)
+
+
+T, FACES = flat_sheet()
+EDGES = unique_edges(FACES)
+FREE = jnp.ones(len(T), bool).at[PINS].set(False)
+
+
+@lru_cache
+def tables() -> ElasticTables:
+    table = uniform_table(FACES, len(T))
+    return make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS, stretched=False)
+
+
+@lru_cache
+def one():
+    return jax.jit(lambda V, x: restore_lengths(V, LengthState(x), FREE, tables()))
+
+
+def shortening(V: np.ndarray) -> float:
+    """Return by how much edges are too short in the mean, as a part of their length."""
+    length, rest = (np.linalg.norm(x[EDGES[:, 0]] - x[EDGES[:, 1]], axis=1) for x in (V, T))
+    return float(np.maximum(1 - length / rest, 0).mean())
+
+
+def blurred(depth: float = 0.004) -> np.ndarray:
+    """Return a sheet pushed together by 10 % along z, over a hint of four folds."""
+    V = T * np.array([1.0, 1.0, 0.9])
+    V[:, 1] = depth * np.sin(2 * np.pi * T[:, 2] / (0.25 * EDGE * SIDE))
+    return V.astype(np.float32)
+
+
+def settled(V: np.ndarray, frames: int = 40) -> np.ndarray:
+    restore = make_length_restorer(T, uniform_table(FACES, len(T)), PINS)()
+    return np.asarray(restore(jnp.asarray(np.stack([V] * frames))))
+
+
+def test_cloth_that_lacks_length_folds_where_the_prediction_hints_at_it():
+    V = blurred()
+    out = settled(V)[-1]
+    assert shortening(V) > 0.04
+    assert shortening(out) < 0.65 * shortening(V)
+    moved = out - V
+    far = T[:, 0] > 0.1  # away from the pins
+    hint = V[far, 1]
+    assert np.corrcoef(out[far, 1], hint)[0, 1] > 0.8
+    assert np.abs(out[far, 1]).max() > 1.5 * np.abs(hint).max()
+    assert np.abs(moved[far].mean(axis=0)).max() < 1e-3  # folds go both ways: nothing drifts
+
+
+def test_pins_stay_and_cloth_that_is_long_enough_moves_nowhere():
+    out = settled(blurred())
+    np.testing.assert_array_equal(out[:, PINS], np.stack([blurred()[PINS]] * len(out)))
+    for V in (T, 1.2 * T):  # as it is, and stretched, which is not its matter
+        V = V.astype(np.float32)
+        found, state, steps = one()(jnp.asarray(V), jnp.zeros((3, len(T))))
+        np.testing.assert_allclose(found, V, atol=2e-7)
+        assert steps == 1
+        assert jnp.abs(state.x).max() < 2e-7
+
+
+def test_a_frame_goes_on_from_the_last_and_a_chunk_from_the_last_chunk():
+    frames = jnp.asarray(np.stack([blurred(0.002 + 1e-4 * k) for k in range(12)]))
+    begin = make_length_restorer(T, uniform_table(FACES, len(T)), PINS)
+    whole, pieces = begin(), begin()
+    at_once = whole(frames)
+    np.testing.assert_allclose(jnp.concatenate([pieces(frames[:6]), pieces(frames[6:])]), at_once, atol=1e-7)
+    x, by_hand = jnp.zeros((3, len(T))), []
+    for V in frames:
+        V, state, steps = one()(V, x)
+        assert steps <= STEPS
+        by_hand.append(V)
+        x = state.x
+    np.testing.assert_allclose(jnp.stack(by_hand), at_once, atol=1e-6)
+    np.testing.assert_allclose(begin()(frames), at_once, atol=1e-7)  # another motion begins anew
+
+
+def test_a_broken_frame_comes_back_and_is_forgotten():
+    V = jnp.asarray(blurred())
+    _, state, _ = one()(V, jnp.zeros((3, len(T))))
+    broken = V.at[5, 1].set(jnp.nan)
+    out, after, steps = one()(broken, state.x)
+    np.testing.assert_array_equal(out, broken)
+    np.testing.assert_array_equal(after.x, state.x)
+    assert steps == 0
+
+
+def test_points_without_edges_come_back():
+    loose = T[:4]
+    restore = make_length_restorer(loose, uniform_table(np.zeros((0, 3), np.int32), 4), np.zeros(0, np.int32))
+    V = jnp.asarray(loose)[None]
+    np.testing.assert_array_equal(restore()(V), V)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-30, 100.0])
+def test_crushed_and_blown_up_cloth_stays_finite(scale):
+    out = settled((scale * T).astype(np.float32), 5)
+    assert np.isfinite(out).all()
