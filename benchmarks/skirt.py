@@ -27,6 +27,7 @@ from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_skinned_template
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.model import Model, template_for
+from garment_jax.rollout.variants import without_lengths
 from garment_jax.training.pipeline import trained_model
 
 
@@ -82,7 +83,9 @@ def main() -> None:
     variants: dict[str, tuple[Model, dict]] = {
         "whole model": (model, {}),
         "no collision": (model, {"collision": False}),
+        "no collision, no lengths": (without_lengths(model), {"collision": False}),
         "no collision, no detail": (model, {"collision": False, "detail": False}),
+        "networks without detail": (without_lengths(model), {"collision": False, "detail": False}),
     }
     for pair in options.also:
         name, _, run = pair.partition("=")

@@ -82,7 +82,7 @@ def test_infer_writes_what_evaluate_reads(tmp_path: Path, model, clip, monkeypat
 
 def test_infer_leaves_stages_out(tmp_path: Path, model, clip, monkeypatch):
     made = []
-    for name, words in (("bare", ["--no-detail"]), ("full", [])):
+    for name, words in (("bare", ["--no-detail"]), ("full", []), ("short", ["--no-lengths"])):
         out = str(tmp_path / f"{name}.h5")
         assert (
             call(infer, [model, "--motion", clip, "--out", out, "--no-collision", *words], monkeypatch) == 0
@@ -90,6 +90,7 @@ def test_infer_leaves_stages_out(tmp_path: Path, model, clip, monkeypatch):
         with open_sequence(out) as sequence:
             made.append(sequence.read(0, 18))
     assert np.abs(made[0] - made[1]).max() > 1e-3
+    assert np.abs(made[2] - made[1]).max() > 1e-3
 
 
 def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, capsys):

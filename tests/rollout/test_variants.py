@@ -1,6 +1,7 @@
 """Cheaper variants: lower rank against a dense SVD, 16-bit layers, and the choice within a budget."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -31,6 +32,14 @@ def linear_map(params: dict) -> tuple[np.ndarray, np.ndarray]:
     }
     A = np.concatenate([D["Dense_1"]["kernel"], D["skip"]["kernel"]])
     return A @ D["basis"]["kernel"], D["Dense_1"]["bias"] @ D["basis"]["kernel"] + D["basis"]["bias"]
+
+
+def test_a_variant_without_lengths_changes_that_alone():
+    model = tiny_model()
+    changed = apply_variant(model, Variant(lengths=False))
+    assert model.config.rollout.lengths
+    assert changed.config == replace(CONFIG, rollout=replace(CONFIG.rollout, lengths=False))
+    assert changed.params is model.params
 
 
 @pytest.mark.parametrize("rank", [1, 3, 5])

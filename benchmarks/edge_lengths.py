@@ -1,0 +1,79 @@
+"""What bringing edges back to their lengths does: error, folds, strain, and milliseconds a frame.
+
+    python infer.py models/skirt --motion CLIP.h5 --out RAW/CLIP.h5 --no-lengths --no-collision
+    python benchmarks/edge_lengths.py RAW data/skirt/test [--json docs/figures/edge_lengths.json]
+
+`RAW` holds rollouts without it, under the clips' names. Chunks of 32 frames; the best of three runs is timed.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from measured import report
+
+from garment_jax.body.root_frame import heading, to_root
+from garment_jax.data.lanes import repeated_last
+from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.evaluation.cloth import edge_strain, laplacian_power, make_spectrum, rest_lengths
+from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.geometry.topology import unique_edges
+from garment_jax.rollout.edge_lengths import make_length_restorer
+
+CHUNK = 32
+EVERY = 3  # frames between two that are judged
+
+
+def rooted(clip: Sequence) -> np.ndarray:
+    """Return a clip's garment in the root frame, float32."""
+    V, motion = clip.read(0, clip.frames), clip.motion
+    yaw = heading(motion.rotations[:, 0].astype(np.float64))
+    return to_root(V.astype(np.float64), motion.root.astype(np.float64), yaw).astype(np.float32)
+
+
+def restored(begin, V: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the frames restored, and milliseconds a frame."""
+    pieces = [jnp.asarray(repeated_last(V[k : k + CHUNK], CHUNK)) for k in range(0, len(V), CHUNK)]
+    times = []
+    for _ in range(3):
+        run, began = begin(), time.perf_counter()
+        out = [run(piece).block_until_ready() for piece in pieces]
+        times.append(time.perf_counter() - began)
+    return np.concatenate(out)[: len(V)], 1e3 * min(times) / len(V)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("raw", type=Path)
+    parser.add_argument("truth", type=Path)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for path in sorted(options.raw.glob("*.h5")):
+        with open_sequence(path) as clip, open_sequence(options.truth / path.name) as true:
+            scene, V, V_star = clip.scene, rooted(clip), rooted(true)
+        garment = scene.garment
+        pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
+        table = uniform_table(garment.faces, V.shape[1])
+        out, ms = restored(make_length_restorer(garment.template, table, pins), V)
+        edges, spectrum = unique_edges(garment.faces), make_spectrum(garment.faces, V.shape[1])
+        rest = rest_lengths(garment.template, edges)
+        power = laplacian_power(V_star[::EVERY], spectrum).mean()
+        row: dict[str, object] = {"clip": path.stem, "frames": len(V)}
+        for name, x in (("before", V), ("after", out)):
+            strain = edge_strain(x[::EVERY], edges, rest)
+            error = np.square(x.astype(np.float64) - V_star).sum(axis=-1).mean()
+            row |= {
+                f"RMSE cm {name}": round(float(100 * np.sqrt(error)), 3),
+                f"Laplacian {name}": round(float(laplacian_power(x[::EVERY], spectrum).mean() / power), 3),
+                f"strain % {name}": round(float(strain.mean()), 2),
+                f"99th % {name}": round(float(np.percentile(strain, 99)), 1),
+            }
+        rows.append({**row, "ms": ms})
+    report(rows, title="Edges brought back to their lengths", facts={}, json_path=options.json)
+
+
+if __name__ == "__main__":
+    main()
