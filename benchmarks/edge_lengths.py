@@ -57,7 +57,7 @@ def main() -> None:
         garment = scene.garment
         pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
         table = uniform_table(garment.faces, V.shape[1])
-        out, ms = restored(make_length_restorer(garment.template, table, pins), V)
+        out, ms = restored(make_length_restorer(garment.template, table, pins, chunk=CHUNK), V)
         edges, spectrum = unique_edges(garment.faces), make_spectrum(garment.faces, V.shape[1])
         rest = rest_lengths(garment.template, edges)
         power = laplacian_power(V_star[::EVERY], spectrum).mean()

@@ -122,7 +122,8 @@ def main() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     model, path = load_model(options.model), options.model / FILE
     table = json.loads(path.read_text()) if path.exists() else {"variants": []}
-    rows = {row["name"]: row for row in table["variants"]}
+    current = {name: v._asdict() for name, v in VARIANTS.items()}
+    rows = {r["name"]: r for r in table["variants"] if r.get("settings") == current.get(r["name"])}
     rows = {n: {"name": n, "settings": v._asdict(), **rows.get(n, {})} for n, v in VARIANTS.items()}
     validation = [Clip(p, options.frames) for p in options.validation]
 

@@ -147,9 +147,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, partial(rollout, rig=rig, template=template))
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision)
+    return make_runner(fitted_model(run_dir), _live, collision, lengths)
 
 
 METHOD = Method("pan_2022", "Pan et al. 2022 (virtual bones)", "rollout", fit, load)

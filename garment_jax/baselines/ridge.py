@@ -113,9 +113,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, run)
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision)
+    return make_runner(fitted_model(run_dir), _live, collision, lengths)
 
 
 STATIC = Method(

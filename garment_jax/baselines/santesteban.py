@@ -189,9 +189,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, roll)
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision)
+    return make_runner(fitted_model(run_dir), _live, collision, lengths)
 
 
 METHOD = Method("santesteban_2019", "Santesteban et al. 2019", "rollout", fit, load)

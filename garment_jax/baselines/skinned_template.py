@@ -51,9 +51,9 @@ def _live(model: Model, scene: Scene, name: str) -> Live:
     return Live(begin, lambda params, state, x: (state, rollout(points[0], jnp.asarray(W), x)))
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision)
+    return make_runner(fitted_model(run_dir), _live, collision, lengths)
 
 
 METHOD = Method("skinned_template", "template skinned to the body", "rollout", fit, load)

@@ -28,7 +28,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, {"weights": find_bones(run).weights})
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
     model = fitted_model(run_dir)
     weights = np.asarray(model.params["weights"])

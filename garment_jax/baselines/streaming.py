@@ -54,14 +54,19 @@ def _compile(live: Live, finish: Callable[[Motion, np.ndarray, np.ndarray], Fini
 
 
 def make_runner(
-    model: Model, live_on: Callable[[Model, Scene, str], Live], collision: CollisionConfig | None = None
+    model: Model,
+    live_on: Callable[[Model, Scene, str], Live],
+    collision: CollisionConfig | None = None,
+    lengths: bool = False,
 ) -> Runner:
     """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment.
 
-    `collision`: handle limbs and collisions as for ours; without it they are left as they come.
+    `collision`: handle limbs and collisions as for ours; without it they are left as they come, and so are
+    edges that are too short without `lengths`.
     """
     chunk, known = model.config.rollout.chunk, dict[str, _Compiled]()
-    config = model.config if collision is None else replace(model.config, collision=collision)
+    config = replace(model.config, rollout=replace(model.config.rollout, lengths=lengths))
+    config = config if collision is None else replace(config, collision=collision)
 
     def compiled(scene: Scene, name: str) -> _Compiled:
         """Programs are compiled once for a scene, whatever the clips."""

@@ -45,7 +45,7 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, train_generative(run))
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None) -> Runner:
+def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
     """Return the runner of a fitted folder."""
     model = fitted_model(run_dir)
 

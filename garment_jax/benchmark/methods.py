@@ -41,9 +41,11 @@ def fit(method: str, config: Config, run: Path, data_dir: Path, *, data: str) ->
 
 
 def load(row: Row, run: Path, config: Config) -> Runner:
-    """Return the runner of a trained row; `config` (the row's) says how collisions are handled."""
+    """Return the runner of a trained row; `config` (the row's) says what comes after the networks."""
     if row.method != OURS:
-        return METHODS[row.method].load(run, config.collision if row.collision else None)
+        return METHODS[row.method].load(
+            run, config.collision if row.collision else None, config.rollout.lengths
+        )
     model = trained_model(run)
     model = model._replace(config=config, params=_rounded(model.params, row.precision))
     count = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(model.params))

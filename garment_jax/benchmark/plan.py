@@ -181,7 +181,7 @@ class Plan:
         config = self.config(row, seed)
         collision = to_dict(config)["collision"] if row.collision else None
         # counted where it is on: it came later, and the names of older results hold
-        lengths = ["lengths"] if config.rollout.lengths else []
+        lengths = ["lengths"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
         return [row.task, row.detail, row.precision, collision, *lengths]

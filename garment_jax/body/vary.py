@@ -57,7 +57,8 @@ def vary_motion(
 def _spins(time: np.ndarray, in_ten_seconds: float, rng: np.random.Generator) -> np.ndarray:
     """Return the angle `[t]` (radians) of quick turns at random times, each speeding up and slowing down.
 
-    Such turns fling a skirt out and wind it around the body; captured dances hold few.
+    Such turns fling a skirt out and wind it around the body; captured dances hold few. Where two fall
+    together they add up.
     """
     angle = np.zeros(len(time))
     for _ in range(rng.poisson(in_ten_seconds * time[-1] / 10.0)):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from garment_jax.rollout.model import Model
+    from garment_jax.rollout.model import Model, ModelFacts
     from garment_jax.rollout.plan import ScenePlan
     from garment_jax.rollout.programs import ProgramStore
     from garment_jax.rollout.variants import Measured
@@ -46,8 +46,9 @@ def infer(
     here = warm_start()
     facts, whole = _facts(model)
     read = partial(_read, model, lengths=not no_lengths)
-    if whole is not None and no_lengths:
-        whole = read(whole=whole)
+    if no_lengths:
+        facts = _without_lengths(facts)
+        whole = whole and read(whole=whole)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
         scene, moves = sequence.scene, sequence.motion
@@ -130,6 +131,12 @@ def _facts(path: str):
     return facts_of(model), model
 
 
+def _without_lengths(facts: "ModelFacts") -> "ModelFacts":
+    from garment_jax.rollout.variants import lengths_off
+
+    return facts._replace(config=lengths_off(facts.config))
+
+
 def _read(
     path: str, leave_out: tuple[str, ...] = (), *, lengths: bool, whole: "Model | None" = None
 ) -> "Model":
@@ -170,6 +177,8 @@ def _within(
     for part in ("dynamics", "detail", "collision"):
         if getattr(plan, part) and not getattr(v, part):
             plan = plan._replace(**{part: False}, why={**plan.why, part: why})
+    if plan.lengths and not v.lengths:
+        plan = plan._replace(lengths=False, why={**plan.why, "edge lengths": why})
     if not v.dynamics:
         plan = plan._replace(detail=v.detail)
     line = (
@@ -192,9 +201,7 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
     return [
         row
         for row in rows
-        if (row.variant.detail <= plan.detail or plan.dynamics)
-        and row.variant.collision <= plan.collision
-        and row.variant.lengths <= model.config.rollout.lengths
+        if (row.variant.detail <= plan.detail or plan.dynamics) and row.variant.collision <= plan.collision
     ]
 
 

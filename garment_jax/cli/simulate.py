@@ -21,7 +21,10 @@ def add(commands) -> None:
         "--turn", type=float, default=60.0, help="a varied body turns besides, deg/s at most (default 60)"
     )
     parser.add_argument(
-        "--spins", type=float, default=0.0, help="and spins so often in ten seconds at most (default 0)"
+        "--spins",
+        type=float,
+        default=0.0,
+        help="and spins, so often in ten seconds on average, or less (default 0)",
     )
     parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
     parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")

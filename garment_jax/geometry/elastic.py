@@ -2,8 +2,7 @@
 
     1/2 ||Lap(x)||^2 + hold/2 ||x||^2 + spring/2 sum over edges (|edge of P + x| - its rest length)^2
 
-Edges that are too long may be left out of it. `hold` and `spring` follow from two lengths and the mesh, so
-that both act alike on finer meshes.
+`hold` and `spring` follow from two lengths and the mesh, so that both act alike on finer meshes.
 """
 
 from typing import NamedTuple
@@ -28,8 +27,7 @@ class ElasticTables(NamedTuple):
     total: np.ndarray  # [n] sum of a vertex' weights
     hold: float  # weight of the distance from the prediction, beside the Laplacian's 1
     spring: float  # weight of the edges' lengths
-    lipschitz: float  # bound of the energy's second derivative
-    stretched: bool  # edges that are too long count, too
+    lipschitz: float  # above the energy's largest curvature; that of a crushed edge is far below 0
 
 
 def make_elastic_tables(
@@ -38,13 +36,12 @@ def make_elastic_tables(
     *,
     spread: float,
     thickness: float,
-    stretched: bool = True,
 ) -> ElasticTables:
     """Return the tables of a garment (`template` in metres) with at least one edge.
 
     `spread` (metres): over which bending lets a displacement die away. `thickness` (metres): with edges so
-    long, changing their length costs as much as displacing a vertex by as much; only if they are too short
-    where not `stretched`. Raises `ValueError` for a Laplacian whose one-ring is not symmetric.
+    long, changing their length costs as much as displacing a vertex by as much. Raises `ValueError` for a
+    Laplacian whose one-ring is not symmetric.
     """
     T = np.asarray(template, np.float64)
     index = np.asarray(table.index, np.int32).T
@@ -64,7 +61,6 @@ def make_elastic_tables(
         hold,
         spring,
         bound,
-        stretched,
     )
 
 
@@ -110,9 +106,16 @@ def lipschitz(table: LaplacianTable, back: np.ndarray, *, steps: int = 60) -> fl
 
 
 def elastic_gradient(
-    x: Float[Array, "3 n"], P: Float[Array, "3 n"], L: Float[Array, "3 n"], tables: ElasticTables
+    x: Float[Array, "3 n"],
+    P: Float[Array, "3 n"],
+    L: Float[Array, "3 n"],
+    tables: ElasticTables,
+    longest: Float[Array, "k n"] | None = None,
 ) -> Float[Array, "3 n"]:
-    """Return the energy's gradient at the displacement `x` from `P` with the Laplacian `L`, gathers alone."""
+    """Return the energy's gradient at the displacement `x` from `P` with the Laplacian `L`, gathers alone.
+
+    Edges may be as long as `longest` (metres) at no cost; their rest lengths if None.
+    """
     at = P + x
     flat = materialised(at).reshape(-1)
     pulled, r = jnp.zeros_like(at), -jnp.asarray(tables.total)[None] * at - L
@@ -121,10 +124,19 @@ def elastic_gradient(
         r = r + jnp.asarray(tables.weight[k])[None] * around
         e = at - around
         length = jnp.sqrt(jnp.maximum(dot(e, e), NO_LENGTH**2))
-        pull = 1 - jnp.asarray(tables.rest[k]) / length
-        pulled = pulled + (pull if tables.stretched else jnp.minimum(pull, 0.0))[None] * e
+        wanted = jnp.asarray(tables.rest[k])
+        if longest is not None:
+            wanted = jnp.clip(length, wanted, longest[k])
+        pulled = pulled + (1 - wanted / length)[None] * e
     bent = _summed(materialised(r), tables, tables.weight_back)
     return bent + tables.hold * x + tables.spring * pulled
+
+
+def edge_lengths(P: Float[Array, "3 n"], tables: ElasticTables) -> Float[Array, "k n"]:
+    """Return the lengths of the edges to every vertex' neighbours, metres."""
+    flat = materialised(P).reshape(-1)
+    ways = (P - _neighbour(flat, k, P, tables) for k in range(len(tables.index)))
+    return jnp.stack([jnp.sqrt(dot(e, e)) for e in ways])
 
 
 def planes_laplacian(P: Float[Array, "3 n"], tables: ElasticTables) -> Float[Array, "3 n"]:

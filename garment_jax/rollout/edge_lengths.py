@@ -1,16 +1,17 @@
-"""Edges that are too short brought back to their lengths: what a blurred fold has lost goes into a fold again.
+"""Edges that are too short brought back to their lengths: what a blurred fold has lost is a fold again.
 
 Not in the paper. Cloth hardly stretches and hardly shrinks, while a network that cannot know where a fold
 lies predicts the mean of all places: a smooth surface whose edges are too short, by 3 % in the mean and 30 %
 across a deep fold. The displacement that gives them their lengths back, small and of short waves, is a fold
 where the prediction has room for one (wrinkle meshes: Mueller and Chentanez 2010). A few accelerated gradient
 steps a frame on the elastic energy; each frame goes on from the last one's displacement, so that folds stay
-where they are. Edges that are too long are left alone: tight cloth is stretched (`strain_limit`). As
-attachment it comes after the networks and is not fed back; collision handling comes after it.
+where they are. Edges that the networks have stretched may stay as long, as in tight cloth, and get no longer.
+As attachment it comes after the networks and is not fed back; collision handling comes after it.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,41 +21,50 @@ from jaxtyping import Array, Bool, Float
 from garment_jax.geometry.elastic import (
     ElasticTables,
     accelerated,
+    edge_lengths,
     elastic_gradient,
     make_elastic_tables,
     planes_laplacian,
 )
 from garment_jax.geometry.laplacian import LaplacianTable
+from garment_jax.rollout.programs import ProgramStore
 
 SPREAD = 0.04  # metres: longer waves stay where the networks have them
 THICKNESS = 0.026  # metres: the smaller, the nearer edges come to their lengths, and the finer are folds
 FADE = 0.95  # of the last frame's displacement, where this one begins: too few steps undo what is broad
 STEPS = 6  # gradient steps a frame at most; the next frame goes on from there
 STILL = 1e-5  # metres: a step that moves no vertex by more is the last
+FARTHEST = 0.1  # metres: what a frame that makes no sense may leave behind
 
 
 class LengthState(NamedTuple):
     """What one frame hands to the next."""
 
-    x: jax.Array  # [3, n] metres, root frame: the displacement from the prediction
+    x: Any  # [3, n] metres, root frame: the displacement from the prediction
 
 
 Restorer = Callable[[jax.Array], jax.Array]
 
 
 def make_length_restorer(
-    template: Float[np.ndarray, "n 3"], table: LaplacianTable, pins: np.ndarray
+    template: Float[np.ndarray, "n 3"],
+    table: LaplacianTable,
+    pins: np.ndarray,
+    *,
+    chunk: int,
+    programs: ProgramStore | None = None,
+    facts: Mapping[str, Any] = MappingProxyType({}),
 ) -> Callable[[], Restorer]:
     """Return a function that begins a motion: it returns a function of chunk after chunk, V -> V.
 
-    Chunks are `[k, n, 3]` metres in root frames, with `pins` `[p]` where they belong; these stay. The
-    function remembers the last frame's displacement; all motions share one compiled program. A mesh without
-    edges comes back as it is.
+    Chunks are `[chunk, n, 3]` metres in root frames, with `pins` `[p]` where they belong; these stay. The
+    function remembers the last frame's displacement; all motions share one compiled program, which `programs`
+    builds meanwhile (`facts` name the scene and the configuration). A mesh without edges comes back as it is.
     """
     index = np.asarray(table.index)
     if (index == np.arange(len(index))[:, None]).all():
         return lambda: lambda V: V
-    tables = make_elastic_tables(template, table, spread=SPREAD, thickness=THICKNESS, stretched=False)
+    tables = make_elastic_tables(template, table, spread=SPREAD, thickness=THICKNESS)
     free = np.ones(len(index), bool)
     free[pins] = False
 
@@ -66,12 +76,17 @@ def make_length_restorer(
 
         return jax.lax.scan(frame, state, V)
 
+    n, dtype = len(index), np.float32
+    shapes = LengthState(jax.ShapeDtypeStruct((3, n), dtype)), jax.ShapeDtypeStruct((chunk, n, 3), dtype)
+    facts = {**facts, "pins": np.asarray(pins).tobytes()}
+    program = (programs or ProgramStore(None)).program("edge_lengths", restored, shapes, facts)
+
     def begin() -> Restorer:
-        state = LengthState(jnp.zeros((3, len(index))))
+        state = LengthState(jnp.zeros((3, n)))
 
         def run(V: jax.Array) -> jax.Array:
             nonlocal state
-            state, V = restored(state, V)
+            state, V = program(state, V)
             return V
 
         return run
@@ -88,6 +103,7 @@ def restore_lengths(
     """
     P, finite = V.T, jnp.isfinite(V).all()
     L = planes_laplacian(P, tables)
+    longest = jnp.maximum(edge_lengths(P, tables), jnp.asarray(tables.rest))
 
     def moving(carry):
         _, _, _, moved, steps = carry
@@ -95,11 +111,12 @@ def restore_lengths(
 
     def step(carry):
         x, y, theta, _, steps = carry
-        downhill = elastic_gradient(y, P, L, tables) / tables.lipschitz
+        downhill = elastic_gradient(y, P, L, tables, longest) / tables.lipschitz
         new, y, theta = accelerated(jnp.where(free[None], y - downhill, 0.0), x, y, theta)
         return new, y, theta, jnp.square(new - x).sum(axis=0).max(), steps + 1
 
     one = jnp.ones((), P.dtype)
     x = FADE * state.x
     x, _, _, _, steps = jax.lax.while_loop(moving, step, (x, x, one, one, jnp.int32(0)))
-    return jnp.where(finite, (P + x).T, V), LengthState(jnp.where(finite, x, state.x)), steps
+    kept = jnp.clip(jnp.where(finite, x, state.x), -FARTHEST, FARTHEST)
+    return jnp.where(finite, (P + x).T, V), LengthState(kept), steps

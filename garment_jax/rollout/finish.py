@@ -72,7 +72,14 @@ def make_finisher(
     if config.rollout.lengths:
         from garment_jax.rollout.edge_lengths import make_length_restorer
 
-        restore = make_length_restorer(template.T, template.laplacian, carried.pins)
+        restore = make_length_restorer(
+            template.T,
+            template.laplacian,
+            carried.pins,
+            chunk=config.rollout.chunk,
+            programs=programs,
+            facts=facts,
+        )
 
     def begin(motion: Motion, root: np.ndarray, yaw: np.ndarray) -> Finish:
         resolve = [resolver()()] if collision and bound is None else []

@@ -24,9 +24,10 @@ class ScenePlan(NamedTuple):
     dynamics: bool  # the local dynamics move the cloth; without them the codes do
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
+    lengths: bool  # edges that are too short come back to their lengths
     collision: bool
     out_of_reach: bool  # collision is wanted, and a distance bound says that there is none
-    why: dict[str, str]  # a sentence for each of the four
+    why: dict[str, str]  # a sentence for each of the five
     leave_out: tuple[str, ...]  # parameters that nobody reads
     triangles: int  # of the collider
     nearest: float | None  # metres between cloth and collider at least, where that decided; None elsewhere
@@ -59,6 +60,7 @@ def make_plan(
     fine, why_fine = _detail(model, detail, pixel_mm, detail_mm)
     if local:
         fine, why_fine = False, "reads a code; the local dynamics need none"
+    lengths = model.config.rollout.lengths
     solve, far, nearest, why_solve = _collision(model, scene, motion, collision)
     why = {
         "dynamics": _dynamics(model, dynamics),
@@ -66,12 +68,13 @@ def make_plan(
         if state
         else "trained without it: decoded at once",
         "detail": why_fine,
+        "edge lengths": "wanted" if lengths else "not wanted",
         "collision": why_solve,
     }
     unread = _unread(model, local, fine)
     triangles = 0 if scene.collider is None else len(scene.collider.faces)
     writes = ("vertices", "extra/outside_training_range", *(("extra/collision_*",) if solve else ()))
-    return ScenePlan(local, state, fine, solve, far, why, unread, triangles, nearest, writes)
+    return ScenePlan(local, state, fine, lengths, solve, far, why, unread, triangles, nearest, writes)
 
 
 def _dynamics(model: ModelFacts, wanted: bool) -> str:

@@ -59,7 +59,7 @@ def _rows(plan: ScenePlan, costs: dict[str, float]) -> list[tuple[str, str, str,
 
     state = "on" if plan.previous_state else "off"
     what = "local dynamics" if plan.dynamics else "motion encoder and decoders"
-    rows = [("networks", "on", spelled("networks", True), f"{what}, pins, edge lengths, world placement")]
+    rows = [("networks", "on", spelled("networks", True), f"{what}, pins, world placement")]
     rows.append(
         (
             "dynamics",
@@ -71,6 +71,8 @@ def _rows(plan: ScenePlan, costs: dict[str, float]) -> list[tuple[str, str, str,
     rows.append(
         ("previous state", state, "in networks" if plan.previous_state else "-", plan.why["previous state"])
     )
+    on = "on" if plan.lengths else "off"
+    rows.append(("edge lengths", on, "in networks" if plan.lengths else "-", plan.why["edge lengths"]))
     for name, runs in (("detail", plan.detail), ("collision", plan.collision)):
         rows.append((name, "on" if runs else "off", spelled(name, runs), plan.why[name]))
     return rows

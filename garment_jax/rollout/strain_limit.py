@@ -4,7 +4,7 @@ Not in the paper. Cloth does not stretch, and nothing in the networks forbids it
 frame are shortened by projection (position-based dynamics: Mueller et al. 2007, with Jacobi iterations
 averaged over a vertex' constraints). As attachment it comes after the networks and is not fed back; collision
 handling comes after it. Edges that are too short are left alone: they are folds that the networks blur, and
-pushing them apart gave a sawtooth at waist and hem.
+pushing them apart by projection gave a sawtooth at waist and hem (`edge_lengths` bends them apart).
 """
 
 from collections.abc import Callable

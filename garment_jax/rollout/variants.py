@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from garment_jax.config import Config
 from garment_jax.rollout.model import Model, without_dynamics
 
 FILE = "variants.json"
@@ -65,7 +66,7 @@ class Measured(NamedTuple):
 def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
     """Return the variants measured for the model in `folder`, and how far detail moves its cloth, mm.
 
-    Raises `FileNotFoundError` where none were measured, `ValueError` for a damaged file.
+    Raises `FileNotFoundError` where none were measured, `ValueError` for a damaged or an older file.
     """
     path = Path(folder) / FILE
     if not path.is_file():
@@ -78,11 +79,18 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
             Measured(row["name"], Variant(**row["settings"]), row["error_cm"], row["ms"])
             for row in table["variants"]
         ]
-        return rows, float(table["detail_mm"])
+        older = [row["name"] for row in table["variants"] if "lengths" not in row["settings"]]
+        detail_mm = float(table["detail_mm"])
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
             f"{path} is damaged ({error}); run benchmarks/variants.py {folder} again."
         ) from error
+    if older:
+        raise ValueError(
+            f"{path} was measured before edge lengths were restored ({older[0]!r}); "
+            f"run benchmarks/variants.py {folder} again."
+        )
+    return rows, detail_mm
 
 
 def apply_variant(model: Model, variant: Variant) -> Model:
@@ -104,7 +112,12 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
 def without_lengths(model: Model) -> Model:
     """Return the model whose rollouts leave edges as short as the networks have them."""
-    return model._replace(config=replace(model.config, rollout=replace(model.config.rollout, lengths=False)))
+    return model._replace(config=lengths_off(model.config))
+
+
+def lengths_off(config: Config) -> Config:
+    """Return the configuration with `rollout.lengths` off."""
+    return replace(config, rollout=replace(config.rollout, lengths=False))
 
 
 def with_rank(model: Model, rank: int) -> Model:

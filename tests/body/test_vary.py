@@ -81,7 +81,7 @@ def test_spins_turn_the_whole_body_quickly_and_come_to_rest():
     spun = varied(still, seed=1, spins=(3.0, 3.0))
     angle = np.unwrap(heading(spun.rotations[:, 0].astype(np.float64)))
     rate = np.degrees(np.diff(angle)) * 30.0
-    assert 250.0 < np.abs(rate).max() <= 2 * SPIN_RATE[1]  # two may fall together
+    assert 250.0 < np.abs(rate).max() <= 1.01 * SPIN_RATE[1]  # of this seed no two fall together
     assert (np.abs(rate) < 1e-3).any()
     local = np.swapaxes(spun.rotations[:, :1], -1, -2) @ spun.rotations
     np.testing.assert_allclose(local, still.rotations, atol=1e-5)

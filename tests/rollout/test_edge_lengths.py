@@ -11,6 +11,7 @@ from garment_jax.geometry.elastic import ElasticTables, make_elastic_tables
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.rollout.edge_lengths import (
+    FARTHEST,
     SPREAD,
     STEPS,
     THICKNESS,
@@ -40,7 +41,7 @@ FREE = jnp.ones(len(T), bool).at[PINS].set(False)
 @lru_cache
 def tables() -> ElasticTables:
     table = uniform_table(FACES, len(T))
-    return make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS, stretched=False)
+    return make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS)
 
 
 @lru_cache
@@ -62,7 +63,7 @@ def blurred(depth: float = 0.004) -> np.ndarray:
 
 
 def settled(V: np.ndarray, frames: int = 40) -> np.ndarray:
-    restore = make_length_restorer(T, uniform_table(FACES, len(T)), PINS)()
+    restore = make_length_restorer(T, uniform_table(FACES, len(T)), PINS, chunk=frames)()
     return np.asarray(restore(jnp.asarray(np.stack([V] * frames))))
 
 
@@ -92,8 +93,8 @@ def test_pins_stay_and_cloth_that_is_long_enough_moves_nowhere():
 
 def test_a_frame_goes_on_from_the_last_and_a_chunk_from_the_last_chunk():
     frames = jnp.asarray(np.stack([blurred(0.002 + 1e-4 * k) for k in range(12)]))
-    begin = make_length_restorer(T, uniform_table(FACES, len(T)), PINS)
-    whole, pieces = begin(), begin()
+    begin, half = (make_length_restorer(T, uniform_table(FACES, len(T)), PINS, chunk=k) for k in (12, 6))
+    whole, pieces = begin(), half()
     at_once = whole(frames)
     np.testing.assert_allclose(jnp.concatenate([pieces(frames[:6]), pieces(frames[6:])]), at_once, atol=1e-7)
     x, by_hand = jnp.zeros((3, len(T))), []
@@ -104,6 +105,27 @@ def test_a_frame_goes_on_from_the_last_and_a_chunk_from_the_last_chunk():
         x = state.x
     np.testing.assert_allclose(jnp.stack(by_hand), at_once, atol=1e-6)
     np.testing.assert_allclose(begin()(frames), at_once, atol=1e-7)  # another motion begins anew
+
+
+def test_a_fold_that_is_not_needed_any_more_does_not_stretch_the_cloth():
+    x = jnp.zeros((3, len(T)))
+    for _ in range(40):
+        x = one()(jnp.asarray(blurred()), x)[1].x
+    assert jnp.abs(x).max() > 2e-3
+    for pull in (1.0, 1.25):  # at its length, and stretched
+        V = jnp.asarray(T * np.float32([1.0, 1.0, pull]))
+        out, state, _ = one()(V, x)
+        for _ in range(9):
+            out, state, _ = one()(V, state.x)
+        length, before = (np.linalg.norm(v[EDGES[:, 0]] - v[EDGES[:, 1]], axis=1) for v in np.stack([out, V]))
+        rest = np.linalg.norm(T[EDGES[:, 0]] - T[EDGES[:, 1]], axis=1)
+        assert np.percentile(length / np.maximum(before, rest), 99) < 1.02
+
+
+def test_what_makes_no_sense_is_soon_forgotten():
+    V = jnp.asarray(blurred())
+    _, state, _ = one()(1e8 * V, jnp.zeros((3, len(T))))
+    assert jnp.abs(state.x).max() <= FARTHEST
 
 
 def test_a_broken_frame_comes_back_and_is_forgotten():
@@ -118,9 +140,9 @@ def test_a_broken_frame_comes_back_and_is_forgotten():
 
 def test_points_without_edges_come_back():
     loose = T[:4]
-    restore = make_length_restorer(loose, uniform_table(np.zeros((0, 3), np.int32), 4), np.zeros(0, np.int32))
+    table, none = uniform_table(np.zeros((0, 3), np.int32), 4), np.zeros(0, np.int32)
     V = jnp.asarray(loose)[None]
-    np.testing.assert_array_equal(restore()(V), V)
+    np.testing.assert_array_equal(make_length_restorer(loose, table, none, chunk=1)()(V), V)
 
 
 @pytest.mark.parametrize("scale", [0.0, 1e-30, 100.0])
