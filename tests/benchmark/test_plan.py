@@ -145,3 +145,25 @@ def test_test_clips_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds no test clips"):
         clips_to_test(tmp_path, [])
     assert [path.stem for path in clips_to_test(plan.data, ["tango_2"])] == ["tango_2"]
+
+
+def test_edge_lengths_make_other_rollouts_and_times_of_the_same_runs(tmp_path: Path) -> None:
+    def names(text: str) -> dict[str, tuple]:
+        plan = make_plan(tmp_path, text)
+        rows = [row for row in plan.settings.rows if row.task == "rollout"]
+        found = {
+            row.name: (plan.train_job(row, 0).run, plan.roll_job(row, 0).done, plan.time_job(row).done)
+            for row in rows
+        }
+        auto = row_of(plan, "auto_encoder")
+        return found | {"auto_encoder": (plan.train_job(auto, 0).run, plan.roll_job(auto, 0).done)}
+
+    off, on = (
+        names(TEXT.replace("[search]", f"[budget.rollout]\nlengths = {word}\n[search]", 1))
+        for word in ("false", "true")
+    )
+    assert off["auto_encoder"] == on["auto_encoder"]  # encoded and decoded: nothing comes after
+    for row in ("ours", "no_collision", "skinned_template"):
+        assert off[row][0] == on[row][0]
+        assert off[row][1] != on[row][1]
+        assert off[row][2] != on[row][2]
