@@ -1,6 +1,6 @@
 """Milliseconds per frame of collision handling alone, on rollouts made without it.
 
-    python infer.py models/skirt --motion CLIP.h5 --no-collision --out raw/CLIP.h5
+    python infer.py models/skirt --motion CLIP.h5 --no-lengths --no-collision --out raw/CLIP.h5
     python benchmarks/collision.py raw/*.h5 [--whole-body] [--subdivide] [--json FILE]
 
 Frames follow each other, each beginning from the last one's state, with garment and body on the device. One

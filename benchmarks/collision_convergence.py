@@ -1,6 +1,6 @@
 """How fast collision handling converges on one frame, and whether to the right minimum.
 
-    python infer.py models/skirt --motion CLIP.h5 --out raw.h5 --no-collision
+    python infer.py models/skirt --motion CLIP.h5 --out raw.h5 --no-lengths --no-collision
     python benchmarks/collision_convergence.py raw.h5 [--frame N] [--image F.png] [--json F.json]
 
 Needs clarabel (extra compare), an interior-point solver, which the package itself does not. Without --frame:

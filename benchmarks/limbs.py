@@ -1,6 +1,6 @@
 """What putting cloth back on its side of a limb does and costs, on rollouts made without collision handling.
 
-    python infer.py models/skirt --motion CLIP.h5 --no-collision --out raw/CLIP.h5
+    python infer.py models/skirt --motion CLIP.h5 --no-lengths --no-collision --out raw/CLIP.h5
     python benchmarks/limbs.py raw data/skirt/test [--json FILE]
 
 Each clip's error before and after (collision handling follows, and is not part of this); the frames in
