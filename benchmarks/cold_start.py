@@ -24,6 +24,8 @@ def first_frames(words: list[str], cache: str) -> float:
     """Return the seconds until the first chunk; the rest of the motion is not waited for."""
     command = [sys.executable, str(ROOT / "infer.py"), *words]
     settings, quiet = {**os.environ, "GARMENT_JAX_CACHE": cache}, subprocess.DEVNULL
+    # importing jax here has set it: with it XLA writes pages about each kept program, all to be read below
+    settings.pop("TF_CPP_MIN_LOG_LEVEL", None)
     began = time.perf_counter()
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=quiet, env=settings)
     assert process.stderr is not None
