@@ -118,17 +118,18 @@ def elastic_gradient(
     """
     at = P + x
     flat = materialised(at).reshape(-1)
-    pulled, r = jnp.zeros_like(at), -jnp.asarray(tables.total)[None] * at - L
+    # Two loops over the neighbours: with one for both, XLA of jax 0.12 gives wrong numbers on a CPU inside of
+    # `collision.sides` (tests/collision/test_sides.py sees it).
+    r = _summed(flat, at, tables, tables.weight) - L
+    bent = _summed(materialised(r).reshape(-1), r, tables, tables.weight_back)
+    pulled = jnp.zeros_like(at)
     for k in range(len(tables.index)):
-        around = _neighbour(flat, k, at, tables)
-        r = r + jnp.asarray(tables.weight[k])[None] * around
-        e = at - around
+        e = at - _neighbour(flat, k, at, tables)
         length = jnp.sqrt(jnp.maximum(dot(e, e), NO_LENGTH**2))
         wanted = jnp.asarray(tables.rest[k])
         if longest is not None:
             wanted = jnp.clip(length, wanted, longest[k])
         pulled = pulled + (1 - wanted / length)[None] * e
-    bent = _summed(materialised(r), tables, tables.weight_back)
     return bent + tables.hold * x + tables.spring * pulled
 
 
@@ -141,7 +142,7 @@ def edge_lengths(P: Float[Array, "3 n"], tables: ElasticTables) -> Float[Array, 
 
 def planes_laplacian(P: Float[Array, "3 n"], tables: ElasticTables) -> Float[Array, "3 n"]:
     """Return the Laplacian of `P`, coordinates first."""
-    return _summed(materialised(P), tables, tables.weight)
+    return _summed(materialised(P).reshape(-1), P, tables, tables.weight)
 
 
 def accelerated(
@@ -162,9 +163,9 @@ def dot(u, v) -> Array:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _summed(at: Array, tables: ElasticTables, weight: np.ndarray) -> Array:
+def _summed(flat: Array, at: Array, tables: ElasticTables, weight: np.ndarray) -> Array:
     """Return sum_k w_ik (x_k - x_i) `[3, n]`; the transpose with `weight_back` has the same diagonal."""
-    flat, out = at.reshape(-1), -jnp.asarray(tables.total)[None] * at
+    out = -jnp.asarray(tables.total)[None] * at
     for k in range(len(tables.index)):
         out = out + jnp.asarray(weight[k])[None] * _neighbour(flat, k, at, tables)
     return out
