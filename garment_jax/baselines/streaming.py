@@ -11,7 +11,6 @@ from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.template import scene_template
-from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.animate import FPS_TOLERANCE
 from garment_jax.rollout.finish import Chunk, Finish, make_finisher
 from garment_jax.rollout.model import Model
@@ -92,9 +91,8 @@ def make_runner(
 
     def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
         made = stream(scene, motion, name)
-        finished = compiled(scene, name).finish(motion, made.root, made.yaw)
-        for start, V in one_ahead(_chunks(made.run, made.state, made.x, chunk)):
-            yield finished(V, slice(start, min(start + chunk, len(made.root))))
+        finish = compiled(scene, name).finish(motion, made.root, made.yaw)
+        yield from finish(_chunks(made.run, made.state, made.x, chunk))
 
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
         made = compiled(scene, name)

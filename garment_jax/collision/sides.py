@@ -21,10 +21,12 @@ from garment_jax.body.limbs import Limbs
 from garment_jax.geometry.elastic import (
     ElasticTables,
     accelerated,
+    disordered,
     dot,
+    edges_of,
     elastic_gradient,
     make_elastic_tables,
-    planes_laplacian,
+    ordered,
 )
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.topology import unique_edges
@@ -147,21 +149,23 @@ def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
         _plane(ends, state.V.T, state.bones[b], bones[b], free, float(tables.radius[b]))
         for b in range(len(tables.radius))
     ]
-    direction = jnp.stack([u for u, _ in planes])  # [q, 3, n], 0 where there is no plane
-    height = jnp.stack([h for _, h in planes])
     elastic = tables.elastic
-    L_f = planes_laplacian(P, elastic)
+    direction = ordered(jnp.stack([u for u, _ in planes]), elastic)  # [q, 3, n], 0 where there is no plane
+    height = ordered(jnp.stack([h for _, h in planes]), elastic)
+    edges, movable = edges_of(ordered(P, elastic), elastic), ordered(free, elastic)
 
     def step(_, carry):
         x, y, theta = carry
-        new = y - jnp.where(free[None], elastic_gradient(y, P, L_f, elastic), 0.0) / elastic.lipschitz
+        new = y - jnp.where(movable[None], elastic_gradient(y, edges, elastic), 0.0) / elastic.lipschitz
         for b in range(len(planes)):
             new = new + jnp.maximum(height[b] - dot(direction[b], new), 0.0)[None] * direction[b]
         return accelerated(new, x, y, theta)
 
-    x = state.x.T
+    x = ordered(state.x.T, elastic)
     wanted = direction.any() | x.any()
-    return jax.lax.fori_loop(0, jnp.where(wanted, STEPS, 0), step, (x, x, jnp.ones((), x.dtype)))[0]
+    steps = jnp.where(wanted, STEPS, 0)
+    x, _, _ = jax.lax.fori_loop(0, steps, step, (x, x, jnp.ones((), x.dtype)))
+    return disordered(x, elastic)
 
 
 def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:

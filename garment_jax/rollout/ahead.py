@@ -1,4 +1,4 @@
-"""The networks run one chunk ahead of what finishes their chunks (collision handling, placing, writing)."""
+"""The networks, and what shapes their chunks, run one chunk ahead of collision handling, placing, writing."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -18,7 +18,6 @@ from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
 from garment_jax.data.validation import check_input
-from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.finish import Chunk, make_finisher
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
@@ -83,7 +82,7 @@ def make_animator(
         programs=programs,
         facts=facts,
     )
-    chunk, joints = model.config.rollout.chunk, model.config.body.motion_joints
+    joints = model.config.body.motion_joints
     begin = make_start(template, seeds, model.config.body.tau)
     roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
 
@@ -92,13 +91,11 @@ def make_animator(
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
-        finished = finish(whole, inputs.root, inputs.yaw)
-        for start, V in one_ahead(roll(whole, inputs, V_start)):
-            stop = min(start + chunk, len(whole.root))
-            skip = max(preroll - start, 0)
-            piece = finished(V, slice(start, stop))
-            if skip < stop - start:
+        skip = preroll
+        for piece in finish(whole, inputs.root, inputs.yaw)(roll(whole, inputs, V_start)):
+            if skip < len(piece.V):
                 yield jax.tree.map(itemgetter(slice(skip, None)), piece)
+            skip = max(skip - len(piece.V), 0)
 
     return run
 

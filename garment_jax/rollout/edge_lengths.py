@@ -21,10 +21,12 @@ from jaxtyping import Array, Bool, Float
 from garment_jax.geometry.elastic import (
     ElasticTables,
     accelerated,
-    edge_lengths,
+    disordered,
+    edges_of,
     elastic_gradient,
+    lengths_of,
     make_elastic_tables,
-    planes_laplacian,
+    ordered,
 )
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.rollout.programs import ProgramStore
@@ -40,7 +42,7 @@ FARTHEST = 0.1  # metres: what a frame that makes no sense may leave behind
 class LengthState(NamedTuple):
     """What one frame hands to the next."""
 
-    x: Any  # [3, n] metres, root frame: the displacement from the prediction
+    x: Any  # [3, n] metres, root frame, in the tables' order: the displacement from the prediction
 
 
 Restorer = Callable[[jax.Array], jax.Array]
@@ -101,9 +103,10 @@ def restore_lengths(
 
     Only `free` vertices move. A frame with a NaN comes back as it is and is forgotten.
     """
-    P, finite = V.T, jnp.isfinite(V).all()
-    L = planes_laplacian(P, tables)
-    longest = jnp.maximum(edge_lengths(P, tables), jnp.asarray(tables.rest))
+    P, finite = ordered(V.T, tables), jnp.isfinite(V).all()
+    edges, movable = edges_of(P, tables), ordered(free, tables)
+    pairs = zip(lengths_of(edges), tables.bands, strict=True)
+    longest = tuple(jnp.maximum(length, band.rest) for length, band in pairs)
 
     def moving(carry):
         _, _, _, moved, steps = carry
@@ -111,12 +114,12 @@ def restore_lengths(
 
     def step(carry):
         x, y, theta, _, steps = carry
-        downhill = elastic_gradient(y, P, L, tables, longest) / tables.lipschitz
-        new, y, theta = accelerated(jnp.where(free[None], y - downhill, 0.0), x, y, theta)
+        downhill = elastic_gradient(y, edges, tables, longest) / tables.lipschitz
+        new, y, theta = accelerated(jnp.where(movable[None], y - downhill, 0.0), x, y, theta)
         return new, y, theta, jnp.square(new - x).sum(axis=0).max(), steps + 1
 
     one = jnp.ones((), P.dtype)
     x = FADE * state.x
     x, _, _, _, steps = jax.lax.while_loop(moving, step, (x, x, one, one, jnp.int32(0)))
     kept = jnp.clip(jnp.where(finite, x, state.x), -FARTHEST, FARTHEST)
-    return jnp.where(finite, (P + x).T, V), LengthState(kept), steps
+    return jnp.where(finite, disordered(P + x, tables).T, V), LengthState(kept), steps

@@ -1,6 +1,6 @@
 """What comes after any method's networks, the same for all: pins, stretch, collisions, then the world."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.body.carried import CarriedPoses, carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.template import Template
+from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.attachment import make_attachment
 from garment_jax.rollout.programs import ProgramStore
 from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
@@ -30,8 +31,8 @@ class Chunk(NamedTuple):
     collision: Any = None  # `collision.sequence.FrameFigures` of each frame; None without collision handling
 
 
-# (V [k, n, 3] metres of a padded chunk, root frames; which frames of the motion are real in it) -> the chunk
-Finish = Callable[[jax.Array, slice], Chunk]
+# (first frame, V [k, n, 3] metres, root frames) of padded chunks in their order -> the finished ones
+Finish = Callable[[Iterator[tuple[int, jax.Array]]], Iterator[Chunk]]
 
 
 def make_finisher(
@@ -46,11 +47,11 @@ def make_finisher(
 ) -> Callable[[Motion, np.ndarray, np.ndarray], Finish]:
     """Return a function (motion, its root `[t, 3]` float64 metres, its yaw `[t]`) that begins it: a `Finish`.
 
-    Chunks must come in order. Pinned vertices are the body's, and the cloth beside them follows
+    Pinned vertices are the body's, and the cloth beside them follows
     (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
-    `config.collision` says. `out_of_reach`, `programs` and `facts` as in `make_animator` and
-    `make_chunk_resolver`.
+    `config.collision` says. The networks and all that comes before collisions run a chunk ahead, on another
+    thread. `out_of_reach`, `programs` and `facts` as in `make_animator` and `make_chunk_resolver`.
     """
     collision = collision and scene.collider is not None
     follow = collision and config.collision.limbs
@@ -85,15 +86,17 @@ def make_finisher(
         resolve = [resolver()()] if collision and bound is None else []
         restored = restore and restore()
 
-        def finish(V: jax.Array, frames: slice) -> Chunk:
-            count = frames.stop - frames.start
-            posed = pose_carried(carried, scene, motion, frames)
-            pins = posed.pins
+        def shape(pieces: Iterator[tuple[int, jax.Array]]) -> Iterator[tuple[slice, CarriedPoses, jax.Array]]:
+            for start, V in pieces:
+                frames = slice(start, min(start + len(V), len(root)))
+                posed = pose_carried(carried, scene, motion, frames)
+                # the rollout has padded the last chunk already
+                V = limit(attach(V, jnp.asarray(repeated_last(posed.pins, len(V)))))
+                yield frames, posed, V if restored is None else restored(V)
+
+        def place(frames: slice, posed: CarriedPoses, V: jax.Array) -> Chunk:
+            count, pins = frames.stop - frames.start, posed.pins
             deepest, figures = np.zeros(count, np.float32), None
-            # the rollout has padded the last chunk already
-            V = limit(attach(V, jnp.asarray(repeated_last(pins, len(V)))))
-            if restored is not None:
-                V = restored(V)
             if bound is not None and not resolve and _leaves(bound, V, pins):
                 resolve.append(resolver()())
             if resolve:
@@ -104,6 +107,9 @@ def make_finisher(
             placed[:, carried.pins] = pins
             world = from_root(placed, root[frames], yaw[frames])
             return Chunk(world.astype(np.float32), deepest, figures)
+
+        def finish(pieces: Iterator[tuple[int, jax.Array]]) -> Iterator[Chunk]:
+            return (place(*shaped) for shaped in one_ahead(shape(pieces)))
 
         return finish
 

@@ -7,11 +7,14 @@ import pytest
 
 from garment_jax.geometry.elastic import (
     accelerated,
-    edge_lengths,
+    band_ends,
+    disordered,
+    edges_of,
     elastic_gradient,
+    lengths_of,
     lipschitz,
     make_elastic_tables,
-    planes_laplacian,
+    ordered,
     transposed_weights,
 )
 from garment_jax.geometry.laplacian import cotangent_table, uniform_table
@@ -70,7 +73,7 @@ def test_the_gradient_is_that_of_the_energy(kind, free):
     P = jnp.asarray(0.97 * REST.T.astype(np.float32))
     x = jnp.asarray(rng.normal(0, 0.01, P.shape).astype(np.float32))
     spare = 0.01 if free else 0.0  # metres that an edge may be longer
-    longest = jnp.asarray(t.rest) + spare * (t.rest > 0) if free else None
+    longest = tuple(jnp.asarray(b.rest) + spare * (b.rest > 0) for b in t.bands) if free else None
     laplace = jnp.asarray(dense(table.index, table.weight) - np.eye(len(REST)), jnp.float32)
 
     def energy(x):
@@ -80,15 +83,15 @@ def test_the_gradient_is_that_of_the_energy(kind, free):
         bent = x @ laplace.T
         return 0.5 * ((bent**2).sum() + t.hold * (x**2).sum() + t.spring * (change**2).sum())
 
-    found = elastic_gradient(x, P, planes_laplacian(P, t), t, longest)
-    np.testing.assert_allclose(found, jax.grad(energy)(x), atol=2e-6)
+    found = elastic_gradient(ordered(x, t), edges_of(ordered(P, t), t), t, longest)
+    np.testing.assert_allclose(disordered(found, t), jax.grad(energy)(x), atol=2e-6)
 
 
 def test_the_bound_is_above_the_largest_curvature_and_near_it():
     t = make_elastic_tables(REST, uniform_table(FACES, len(REST)), spread=0.13, thickness=0.04)
     P = jnp.asarray(1.3 * REST.T.astype(np.float32))  # stretched: all springs pull
-    L, zero = planes_laplacian(P, t), jnp.zeros(P.shape)
-    product = jax.jit(lambda d: jax.jvp(lambda x: elastic_gradient(x, P, L, t), (zero,), (d,))[1])
+    zero, edges = jnp.zeros(P.shape), edges_of(ordered(P, t), t)
+    product = jax.jit(lambda d: jax.jvp(lambda x: elastic_gradient(x, edges, t), (zero,), (d,))[1])
     d = jnp.asarray(np.random.default_rng(1).normal(size=P.shape).astype(np.float32))
     for _ in range(200):
         d = product(d)
@@ -99,7 +102,53 @@ def test_the_bound_is_above_the_largest_curvature_and_near_it():
 
 def test_the_lengths_of_edges_and_of_padding():
     t = make_elastic_tables(REST, uniform_table(FACES, len(REST)), spread=0.13, thickness=0.04)
-    np.testing.assert_allclose(edge_lengths(jnp.asarray(2 * REST.T, jnp.float32), t), 2 * t.rest, atol=1e-6)
+    found = lengths_of(edges_of(ordered(jnp.asarray(2 * REST.T, jnp.float32), t), t))
+    assert len(found) == len(t.bands)
+    for length, band in zip(found, t.bands, strict=True):
+        np.testing.assert_allclose(length, 2 * band.rest, atol=1e-6)
+
+
+def union_jack(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sheet whose vertices have four and eight neighbours in turn."""
+    u, v = np.meshgrid(np.arange(side), np.arange(side), indexing="ij")
+    V = 0.02 * np.stack([u.ravel(), 0.1 * np.sin(u + 2.0 * v).ravel(), v.ravel()], axis=1)
+    faces = []
+    for i in range(side - 1):
+        for j in range(side - 1):
+            a, b, c, d = i * side + j, (i + 1) * side + j, (i + 1) * side + j + 1, i * side + j + 1
+            faces += [[a, b, c], [a, c, d]] if (i + j) % 2 == 0 else [[a, b, d], [b, c, d]]
+    return V, np.array(faces, np.int32)
+
+
+def test_bands_hold_every_edge_twice_and_less_padding():
+    V, faces = union_jack(40)
+    table, edges = uniform_table(faces, len(V)), unique_edges(faces)
+    t = make_elastic_tables(V, table, spread=0.13, thickness=0.04)
+    assert len(t.bands) == 2
+    np.testing.assert_array_equal(np.sort(t.order), np.arange(len(V)))
+    np.testing.assert_array_equal(disordered(ordered(jnp.arange(len(V)), t), t), np.arange(len(V)))
+    found, start = [], 0
+    for band in t.bands:
+        own = np.broadcast_to(t.order[start : start + band.index.shape[1]], band.index.shape)
+        real = t.order[band.index] != own
+        found.append(np.stack([own[real], t.order[band.index][real]], axis=1))
+        length = np.linalg.norm(V[own] - V[t.order[band.index]], axis=-1)
+        np.testing.assert_allclose(band.rest, length, atol=1e-7)
+        start += band.index.shape[1]
+    assert start == len(V)
+    found = np.concatenate(found)
+    np.testing.assert_array_equal(np.unique(np.sort(found, axis=1), axis=0), np.sort(edges, axis=1))
+    assert len(found) == 2 * len(edges)
+    gathered = sum(band.index.size for band in t.bands)
+    assert gathered < 0.85 * table.index.size
+
+
+def test_a_band_is_made_only_where_it_pays():
+    assert band_ends(np.full(1000, 6)) == [0]
+    assert band_ends(np.array([8] * 3 + [6] * 100)) == [0]  # a fourth of what another band costs
+    assert band_ends(np.array([200] + [6] * 1000)) == [0, 1]
+    assert band_ends(np.array([8] * 1288 + [5] * 112 + [4] * 1288 + [3] * 112)) == [0, 1400]
+    assert band_ends(np.array([40] * 1000 + [20] * 1000 + [8] * 1000 + [7] * 10)) == [0, 1000, 2000]
 
 
 def test_the_weights_follow_from_two_lengths_and_the_mesh():
