@@ -21,7 +21,7 @@ from garment_jax.geometry.surface_search import (
     PosedSurface,
     branch_gap_squared,
     branches_within,
-    distance_to_corner,
+    distance_to,
     group_boxes,
     search,
 )
@@ -106,7 +106,7 @@ def find_contacts(
     and then is so by `limit`.
     """
     asked, groups = limit >= 0, jnp.asarray(tables.groups)
-    bound = distance_to_corner(last.triangle, local, surface, tables.surface)
+    bound = distance_to(last.triangle, local, surface, tables.surface)
     bound = jnp.where(asked, jnp.minimum(limit, bound), -1.0)
     here = bound[groups]
     widest = jnp.where(here < 0, -1.0, here + moved[groups]).max(axis=1)

@@ -15,6 +15,7 @@ from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.projection import lift
 from garment_jax.collision.region import Members, Region, make_region, smoothness, whole_size
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.stencil import materialised
 
 
 class Iterate(NamedTuple):
@@ -42,7 +43,7 @@ def advance(
     """
     whole = whole_size(tables)
     sizes = [*(size for size in options.sizes if size < whole), whole]
-    fits = sum((members.count > size).astype(jnp.int32) for size in sizes[:-1])
+    fits = sum((members.count >= size).astype(jnp.int32) for size in sizes[:-1])
 
     def projected() -> Iterate:
         return now._replace(x=_pushed(local, now.x, at, members.moving, margin))
@@ -76,7 +77,7 @@ def _gradient_step(direction, height, region: Region, tables, _, carry):
     """
     x, y, theta = carry
     ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
-    ahead = jnp.where(region.moving[None], ahead, 0.0)
+    ahead = materialised(jnp.where(region.moving[None], ahead, 0.0))  # all three coordinates meet below
     short = jnp.maximum(height - _dot(ahead, direction), 0.0)
     new = ahead + jnp.where(region.moving, short, 0.0)[None] * direction
     uphill = jnp.vdot(y - new, new - x) > 0

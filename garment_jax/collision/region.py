@@ -1,5 +1,6 @@
 """The part of a garment that a solve may move, gathered into small arrays, and its smooth energy."""
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -26,12 +27,12 @@ class Members(NamedTuple):
 
 
 class Region(NamedTuple):
-    """`m` vertices in the order of their groups, numbered locally; row m is everything that stays put."""
+    """`m` vertices in the order of their groups, numbered locally; the last is what stays put."""
 
     vertex: jax.Array  # [m] int32 garment vertex
     own: jax.Array  # [m] bool, False for an unused slot
     moving: jax.Array  # [m] bool
-    index: jax.Array  # [3, k, m] int32 places of the local one-ring's x, y, z in padded planes [3, m + 1]
+    index: jax.Array  # [3, k, m] int32 places of the local one-ring's x, y, z in planes [3, m]
     weight: jax.Array  # [k, m]
     weight_back: jax.Array  # [k, m]
     total: jax.Array  # [m] sum of a vertex' weights: 1, or 0 for a lone vertex or an unused slot
@@ -39,13 +40,20 @@ class Region(NamedTuple):
 
 def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array) -> Bool[Array, " n"]:
     """Return the vertices within `rings` edges of the marked ones."""
-    index = jnp.asarray(tables.index)
-    return jax.lax.fori_loop(0, rings, lambda _, m: m | m[index].any(axis=1), mask)
+    index = jnp.asarray(tables.index).T
+
+    def ring(_, marks: Array) -> Array:  # integers: a CPU gathers eight of them at a time, but no bits
+        if len(index) > UNROLLED:
+            return marks | marks[index].max(axis=0)
+        around = (marks.at[row].get(mode="promise_in_bounds") for row in index)
+        return reduce(jnp.bitwise_or, around, marks)
+
+    return jax.lax.fori_loop(0, rings, ring, mask.astype(jnp.int32)) > 0
 
 
 def whole_size(tables: CollisionTables) -> int:
-    """Return the slots of a region that holds the whole garment."""
-    n = len(tables.index)
+    """Return the slots of a region that holds the whole garment and what stays put."""
+    n = len(tables.index) + 1
     return n + -n % WORD
 
 
@@ -69,18 +77,18 @@ def find_members(moving: Bool[Array, " n"], tables: CollisionTables) -> Members:
 
 
 def make_region(members: Members, tables: CollisionTables, size: int) -> Region:
-    """Return the region of the members, which must be `size` at most."""
+    """Return the region of the members, which must be fewer than `size`."""
     vertex, own = members.vertex[:size], jnp.arange(size) < members.count
     weight, back = (
         jnp.where(own[None], jnp.asarray(w)[vertex].T, 0.0) for w in (tables.weight, tables.weight_back)
     )
-    index = jnp.minimum(members.local, size)[jnp.asarray(tables.index)[vertex].T]
+    index = jnp.minimum(members.local, size - 1)[jnp.asarray(tables.index)[vertex].T]
     return Region(vertex, own, own & members.moving[vertex], _places(index), weight, back, weight.sum(axis=0))
 
 
 def _places(index: Array) -> Array:
-    """Return the places of x, y, z `[3, k, m]` of the one-ring `[k, m]` in flat planes of m + 1 numbers."""
-    planes = (index.shape[1] + 1) * jnp.arange(3, dtype=jnp.int32)
+    """Return the places of x, y, z `[3, k, m]` of the one-ring `[k, m]` in flat planes of m numbers."""
+    planes = index.shape[1] * jnp.arange(3, dtype=jnp.int32)
     return planes[:, None, None] + index[None]
 
 
@@ -114,9 +122,7 @@ def stretch(x, index, weight, weight_back, total) -> Array:
 
 
 def _apply(x, index, weight, total):
-    # what made x would be computed anew for every neighbour
-    flat = materialised(jnp.pad(x, ((0, 0), (0, 1)))).reshape(-1)
-    around = flat.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    around = x.reshape(-1).at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
     if index.shape[1] > UNROLLED:
         return (around * weight[None]).sum(axis=1) - total[None] * x
     away = -total[None] * x
@@ -131,6 +137,7 @@ def _forward(x, index, weight, weight_back, total):
 
 def _backward(saved, r):
     index, weight_back, total = saved
+    r = materialised(r)  # it would be computed anew for every neighbour
     return _apply(r, index, weight_back, total), None, None, None, None
 
 

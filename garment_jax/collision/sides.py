@@ -22,7 +22,6 @@ from garment_jax.geometry.elastic import (
     ElasticTables,
     accelerated,
     disordered,
-    dot,
     edges_of,
     elastic_gradient,
     make_elastic_tables,
@@ -30,6 +29,7 @@ from garment_jax.geometry.elastic import (
 )
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.geometry.triangle import cross, dot, minus
 
 CORE = 0.8  # part of a limb's radius within which a way counts as through it
 SPREAD = 0.13  # metres over which bending lets a displacement die away
@@ -127,11 +127,11 @@ def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: Sid
     """Return which bones properly cross a face of the cloth."""
     faces = jnp.asarray(tables.faces)
     a, b, c = (tuple(P[:, faces[:, k]]) for k in range(3))
-    normal = _cross(_minus(b, a), _minus(c, a))
+    normal = cross(minus(b, a), minus(c, a))
 
     def crossed(bone: Array) -> Array:
         p, q = tuple(bone[0]), tuple(bone[1])
-        sides = dot(normal, _minus(p, a)) * dot(normal, _minus(q, a)) < 0
+        sides = dot(normal, minus(p, a)) * dot(normal, minus(q, a)) < 0
         u, v, w = (_volume(p, q, *edge) for edge in ((a, b), (b, c), (c, a)))
         through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
         return (sides & through).any()
@@ -217,13 +217,5 @@ def _from_bone(P: Array, bone: Array) -> Array:
     return jnp.sqrt(dot(gap, gap))
 
 
-def _minus(u, v) -> tuple[Array, Array, Array]:
-    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
-
-
-def _cross(u, v) -> tuple[Array, Array, Array]:
-    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-
-
 def _volume(p, q, a, b) -> Array:
-    return dot(_cross(_minus(q, p), _minus(a, p)), _minus(b, p))
+    return dot(cross(minus(q, p), minus(a, p)), minus(b, p))

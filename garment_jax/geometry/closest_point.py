@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.geometry.normals import unit
+from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import (
     PosedSurface,
     distance_to,
@@ -21,7 +21,7 @@ from garment_jax.geometry.surface_search import (
     triangles,
 )
 from garment_jax.geometry.surface_tables import SurfaceTables
-from garment_jax.geometry.triangle import closest_on_triangle, triangle_rows
+from garment_jax.geometry.triangle import Coordinates, closest_on_triangle, cross, dot, minus, triangle_rows
 
 
 class ClosestPoint(NamedTuple):
@@ -76,60 +76,70 @@ def closest_point_on(
 
     `local` is relative to `surface.origin`; the answer's `point` is not.
     """
-    corners = triangles(triangle, surface, tables)
-    a, b, c = (corners[:, k] for k in range(3))
-    rows = triangle_rows(*(tuple(x.T) for x in (a, b - a, c - a)))
-    s, u, squared, region = closest_on_triangle(tuple(local.T), rows)
-    b = a + s[:, None] * (b - a) + u[:, None] * (c - a)
-    normal = _pseudo_normal(triangle, region, surface, tables)
-    away = local - b
+    # coordinate by coordinate, without a sum over axes: so it is a few operations and not forty
+    a, b, c = _corners(triangle, surface, tables)
+    ab, ac, p = minus(b, a), minus(c, a), tuple(local.T)
+    s, u, squared, region = closest_on_triangle(p, triangle_rows(a, ab, ac))
+    foot = tuple(x + s * y + u * z for x, y, z in zip(a, ab, ac, strict=True))
+    normal = _pseudo_normal(triangle, region, _unit(cross(ab, ac)), surface, tables)
+    foot, normal, squared = materialised((foot, normal, squared))  # or they are made anew for each coordinate
+    away = minus(p, foot)
     # Nearer than a micrometre the difference of the two points is rounding; the normal is not.
     touching = squared <= 1e-12
-    height = (away * normal).sum(axis=-1)
+    height = dot(away, normal)
     sign = jnp.where(height < 0, -1.0, 1.0)
     distance = jnp.sqrt(jnp.where(touching, 1.0, squared))
-    direction = jnp.where(touching[:, None], normal, (sign / distance)[:, None] * away)
+    direction = (jnp.where(touching, n, sign / distance * x) for n, x in zip(normal, away, strict=True))
     ds = jnp.where(touching, height, sign * distance)
-    return ClosestPoint(b + surface.origin[None], normal, ds, direction, triangle)
+    point, normal, direction = (jnp.stack(list(x), axis=-1) for x in (foot, normal, direction))
+    return ClosestPoint(point + surface.origin[None], normal, ds, direction, triangle)
 
 
-def _pseudo_normal(triangle, region, surface, tables):
-    """Return the outward normal `[n, 3]` of the feature that the closest point lies on.
+def _corners(triangle, surface: PosedSurface, tables: SurfaceTables) -> tuple[Coordinates, ...]:
+    corners = triangles(triangle, surface, tables)
+    return tuple(tuple(corners[:, k, x] for x in range(3)) for k in range(3))
+
+
+def _pseudo_normal(triangle, region, own: Coordinates, surface, tables) -> Coordinates:
+    """Return the outward normal of the feature that the closest point lies on (`own`: the triangle's).
 
     Face: its normal; edge: the mean of both sides; corner: the mean around it weighted by angle,
     which alone gives the right sign there (Baerentzen and Aanaes 2005).
     """
     faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
-    own = _face_normal(faces[triangle], surface.vertices)
-    edge = across[triangle, jnp.clip(region - 1, 0, 2)]
-    edge = unit(own + _face_normal(faces[edge], surface.vertices))
+    a, b, c = _corners(across[triangle, jnp.clip(region - 1, 0, 2)], surface, tables)
+    beyond = _unit(cross(minus(b, a), minus(c, a)))
+    edge = _unit(tuple(x + y for x, y in zip(own, beyond, strict=True)))
     vertex = faces[triangle, jnp.clip(region - 4, 0, 2)]
     corner = _fan_normal(vertex, jnp.asarray(tables.fan)[vertex], surface.vertices)
     if len(tables.wide):
         wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.vertices)
         place = jnp.asarray(tables.wide_place)[vertex]
-        corner = jnp.where((place >= 0)[:, None], wide[place], corner)
-    return jnp.where((region == 0)[:, None], own, jnp.where((region <= 3)[:, None], edge, corner))
+        corner = tuple(jnp.where(place >= 0, w[place], x) for w, x in zip(wide, corner, strict=True))
+    three = zip(own, edge, corner, strict=True)
+    return tuple(jnp.where(region == 0, f, jnp.where(region <= 3, e, c)) for f, e, c in three)
 
 
-def _face_normal(corners: Array, vertices: Array) -> Array:
-    """Return unit normals `[n, 3]`; zero for a triangle without area."""
-    a, b, c = (vertices[corners[:, k]] for k in range(3))
-    return unit(jnp.cross(b - a, c - a))
-
-
-def _fan_normal(vertex: Array, fan: Array, vertices: Array) -> Array:
-    """Return the angle-weighted normals `[n, 3]` of vertices `[n]` with the triangles `fan` `[n, k, 2]`.
+def _fan_normal(vertex: Array, fan: Array, vertices: Array) -> Coordinates:
+    """Return the angle-weighted normals of vertices `[n]` with the triangles `fan` `[n, k, 2]`.
 
     The weights are constants to a gradient: how a corner's angle changes is of no use to anyone.
     """
     ahead = vertices[fan] - vertices[vertex][:, None, None]
-    ab, ac = ahead[:, :, 0], ahead[:, :, 1]
-    normal = unit(jnp.cross(ab, ac))
-    fixed = jax.lax.stop_gradient(ahead)
-    lengths = jnp.sqrt((fixed * fixed).sum(axis=-1)).prod(axis=-1)
-    cosine = (fixed[:, :, 0] * fixed[:, :, 1]).sum(axis=-1) / jnp.where(lengths > 0, lengths, 1.0)
-    return unit((_arccos(cosine)[..., None] * normal).sum(axis=1))
+    ab, ac = (tuple(ahead[:, :, side, x] for x in range(3)) for side in range(2))
+    normal = _unit(cross(ab, ac))
+    fixed_ab, fixed_ac = jax.lax.stop_gradient((ab, ac))
+    lengths = jnp.sqrt(dot(fixed_ab, fixed_ab) * dot(fixed_ac, fixed_ac))
+    angle = _arccos(dot(fixed_ab, fixed_ac) / jnp.where(lengths > 0, lengths, 1.0))
+    return _unit(tuple((angle * x).sum(axis=1) for x in normal))
+
+
+def _unit(u: Coordinates) -> Coordinates:
+    """Return `normals.unit` of separate coordinates."""
+    squared = dot(u, u)
+    long = squared > 1e-30
+    length = jnp.sqrt(jnp.where(long, squared, 1.0))
+    return tuple(jnp.where(long, x / length, 0.0) for x in u)
 
 
 def _arccos(x: Array) -> Array:

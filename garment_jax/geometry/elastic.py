@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int, Shaped
 
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.triangle import dot
 
 NO_LENGTH = 1e-6  # metres: two vertices that met have a length all the same
 BAND = 500  # gathered neighbours that another band's operations cost as much as
@@ -194,11 +195,6 @@ def accelerated(
     following = jnp.where(uphill, 1.0, (1 + jnp.sqrt(1 + 4 * theta**2)) / 2)
     beta = jnp.where(uphill, 0.0, (theta - 1) / following)
     return new, new + beta * (new - x), following
-
-
-def dot(u, v) -> Array:
-    """Return the scalar products of vectors with the coordinates first."""
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
 def _laplacian(around: Edges, x: Array, tables: ElasticTables, weight: list[np.ndarray]) -> Array:

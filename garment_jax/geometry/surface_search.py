@@ -28,6 +28,8 @@ class PosedSurface(NamedTuple):
     """One frame's mesh, ready to be searched several times."""
 
     vertices: jax.Array  # [c, 3] relative to origin
+    flat: jax.Array  # [3 c] the same, coordinate after coordinate: gathered from without a division
+    corners: jax.Array  # [l, 9 LEAF] of each leaf's triangles: coordinate, corner, triangle
     origin: jax.Array  # [3] taken off all coordinates, for float32's digits far from zero
     middle: jax.Array  # [3, l] of the leaves' boxes
     half: jax.Array  # [3, l] half their edges
@@ -49,11 +51,16 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     origin = vertices.mean(axis=0)
     vertices = vertices - origin[None]
     # coordinate after coordinate, leaves last: what XLA runs eight at a time
-    leaves = materialised(vertices.T[:, jnp.asarray(tables.corners).T])
+    flat = materialised(vertices.T).reshape(-1)
+    leaves = materialised(_planes(jnp.asarray(tables.corners).T, flat))
     low, high = leaves.min(axis=1), leaves.max(axis=1)
     branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
-    slab = _slabs(leaves, vertices.T[:, jnp.asarray(tables.spread)])
-    return PosedSurface(vertices, origin, (low + high) / 2, (high - low) / 2, slab, branch_low, branch_high)
+    slab = _slabs(leaves, _planes(jnp.asarray(tables.spread), flat))
+    corners = _planes(jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1), flat)
+    corners = corners.transpose(1, 0, 2, 3).reshape(len(corners[0]), -1)
+    return PosedSurface(
+        vertices, flat, corners, origin, (low + high) / 2, (high - low) / 2, slab, branch_low, branch_high
+    )
 
 
 def _slabs(leaves: Float[Array, "3 u l"], spread: Float[Array, "3 3 l"]) -> Float[Array, "5 l"]:
@@ -106,7 +113,8 @@ def search(
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
             point, its = group[pair] * s + place % s, branch[pair] * BRANCH + place // s
-            squared = squared_distance(flat[:, point], _leaf_corners(its, surface, tables))
+            corners = materialised(surface.corners[its]).reshape(TESTS, 3, 3, LEAF).transpose(1, 2, 0, 3)
+            squared = squared_distance(flat[:, point], corners)
             found = _key(materialised(squared), jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
             point = jnp.where(valid, point, g * s)
             key = key.at[point].min(found, mode="drop")
@@ -128,18 +136,10 @@ def search(
     return Nearest(triangle.astype(jnp.int32).reshape(g, s), squared.reshape(g, s))
 
 
-def _leaf_corners(leaf: Int[Array, " k"], surface, tables) -> Float[Array, "3 3 k t"]:
-    """Return the corners of all triangles of each leaf: coordinate, corner, leaf, triangle.
-
-    Two gathers in a row are made one after the other: fused, the first is done for each number of the second.
-    """
-    c = len(surface.vertices)
-    faces = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 3 * LEAF)
-    vertex = materialised(faces[leaf])
-    place = vertex[None] + c * jnp.arange(3, dtype=jnp.int32)[:, None, None]
-    flat = surface.vertices.T.reshape(-1)
-    corners = materialised(flat.at[place].get(mode="promise_in_bounds", wrap_negative_indices=False))
-    return corners.reshape(3, -1, 3, LEAF).transpose(0, 2, 1, 3)
+def _planes(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
+    """Return the coordinates `[3, *k]` of these vertices."""
+    first = len(flat) // 3 * jnp.arange(3, dtype=jnp.int32).reshape(3, *(1 for _ in rows.shape))
+    return flat.at[rows[None] + first].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _key(squared: Array, slots: Array | int) -> Array:
@@ -204,8 +204,9 @@ def distance_to(
     triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
-    corners = triangles(triangle[:, None], surface, tables).transpose(3, 2, 0, 1)
-    squared = squared_distance(points.T, corners)[:, 0]
+    vertex = materialised(jnp.asarray(tables.faces)[triangle].T)
+    corners = materialised(_planes(vertex, surface.flat))
+    squared = squared_distance(points.T, corners[..., None])[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 
 

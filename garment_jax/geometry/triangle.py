@@ -13,11 +13,11 @@ FLAT = 1e-12  # squared sine of the angle below which a triangle has no inside
 THIN = 1e-5  # the same, below which its normal is no guide: a neighbour that is as near is preferred
 
 
-def _dot(u, v):
+def dot(u, v):
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _cross(u, v):
+def cross(u, v):
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
 
@@ -32,13 +32,13 @@ def triangle_rows(a, ab, ac) -> list[Array]:
     `x . g` are the barycentric coordinates of x's foot point. A triangle thinner than 1e-6 of its
     edges has none and is tested by its edges alone.
     """
-    ab2, ac2, abac = _dot(ab, ab), _dot(ac, ac), _dot(ab, ac)
+    ab2, ac2, abac = dot(ab, ab), dot(ac, ac), dot(ab, ac)
     bc2 = jnp.maximum(ab2 - 2 * abac + ac2, 0.0)
-    n = _cross(ab, ac)
-    n2 = _dot(n, n)
+    n = cross(ab, ac)
+    n2 = dot(n, n)
     flat = n2 <= FLAT * ab2 * ac2
     scale = jnp.where(flat, 0.0, 1.0 / jnp.where(flat, 1.0, n2))
-    g = [x * scale for x in (*_cross(ac, n), *_cross(n, ab))]
+    g = [x * scale for x in (*cross(ac, n), *cross(n, ab))]
     edges = [_inverse(x) for x in (ab2, ac2, bc2)]
     return [*a, *ab, *ac, *g, ab2, ac2, abac, *edges, jnp.where(flat, -1.0, 0.0)]
 
@@ -51,8 +51,8 @@ def closest_on_triangle(p, rows) -> tuple[Array, Array, Array, Array]:
     a, ab, ac, gb, gc = (rows[3 * k : 3 * k + 3] for k in range(5))
     ab2, ac2, abac, inv_ab, inv_ac, inv_bc, offset = rows[15:]
     ap = tuple(x - y for x, y in zip(p, a, strict=True))
-    d1, d2 = _dot(ab, ap), _dot(ac, ap)
-    s, u = _dot(gb, ap) + offset, _dot(gc, ap)
+    d1, d2 = dot(ab, ap), dot(ac, ap)
+    s, u = dot(gb, ap) + offset, dot(gc, ap)
     inside = (s >= 0) & (u >= 0) & (s + u <= 1)
     e1, e3 = jnp.clip(d1 * inv_ab, 0.0, 1.0), jnp.clip(d2 * inv_ac, 0.0, 1.0)
     e2 = jnp.clip(((d2 - d1) - (abac - ab2)) * inv_bc, 0.0, 1.0)
@@ -64,7 +64,7 @@ def closest_on_triangle(p, rows) -> tuple[Array, Array, Array, Array]:
     edge_u = jnp.where(first, 0.0, jnp.where(third, e3, e2))
     s, u = jnp.where(inside, s, edge_s), jnp.where(inside, u, edge_u)
     r = [x - s * y - u * z for x, y, z in zip(ap, ab, ac, strict=True)]
-    return s, u, _dot(r, r), jnp.where(inside, 0, _region(s, u, first, third))
+    return s, u, dot(r, r), jnp.where(inside, 0, _region(s, u, first, third))
 
 
 def _region(s: Array, u: Array, first: Array, third: Array) -> Array:
@@ -83,12 +83,12 @@ def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t
     """
     p = tuple(points[x, :, None] for x in range(3))
     a, b, c = (tuple(corners[x, j] for x in range(3)) for j in range(3))
-    ab, ac, bc, pa, pb = _minus(b, a), _minus(c, a), _minus(c, b), _minus(p, a), _minus(p, b)
-    n = _cross(ab, ac)
-    n2 = _dot(n, n)
-    inside = (_dot(_cross(ab, pa), n) >= 0) & (_dot(_cross(bc, pb), n) >= 0) & (_dot(_cross(pa, ac), n) >= 0)
-    sine = n2 * _inverse(_dot(ab, ab) * _dot(ac, ac))
-    height = _dot(n, pa)
+    ab, ac, bc, pa, pb = minus(b, a), minus(c, a), minus(c, b), minus(p, a), minus(p, b)
+    n = cross(ab, ac)
+    n2 = dot(n, n)
+    inside = (dot(cross(ab, pa), n) >= 0) & (dot(cross(bc, pb), n) >= 0) & (dot(cross(pa, ac), n) >= 0)
+    sine = n2 * _inverse(dot(ab, ab) * dot(ac, ac))
+    height = dot(n, pa)
     edge = jnp.minimum(jnp.minimum(_to_edge(pa, ab), _to_edge(pa, ac)), _to_edge(pb, bc))
     squared = jnp.where(inside & (sine > FLAT), height * height / jnp.where(n2 > 0, n2, 1.0), edge)
     return jnp.where(sine > THIN, squared, squared * (1 + 2e-5) + 1e-12)
@@ -96,10 +96,10 @@ def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t
 
 def _to_edge(p, e):
     """Return the squared distance to the segment from 0 to `e`; to 0 if it has no length."""
-    t = jnp.clip(_dot(p, e) * _inverse(_dot(e, e)), 0.0, 1.0)
+    t = jnp.clip(dot(p, e) * _inverse(dot(e, e)), 0.0, 1.0)
     r = tuple(x - t * y for x, y in zip(p, e, strict=True))
-    return _dot(r, r)
+    return dot(r, r)
 
 
-def _minus(u, v):
+def minus(u, v):
     return tuple(x - y for x, y in zip(u, v, strict=True))
