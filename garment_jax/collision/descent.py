@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.projection import lift
-from garment_jax.collision.region import Members, Region, make_region, smoothness, whole_size
+from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.stencil import materialised
 
@@ -41,8 +41,7 @@ def advance(
 
     The steps keep `options.eps`, the projection `margin` (metres).
     """
-    whole = whole_size(tables)
-    sizes = [*(size for size in options.sizes if size < whole), whole]
+    sizes = region_sizes(tables, options.sizes)
     fits = sum((members.count >= size).astype(jnp.int32) for size in sizes[:-1])
 
     def projected() -> Iterate:

@@ -1,5 +1,6 @@
 """The part of a garment that a solve may move, gathered into small arrays, and its smooth energy."""
 
+import math
 from functools import reduce
 from typing import NamedTuple
 
@@ -55,6 +56,13 @@ def whole_size(tables: CollisionTables) -> int:
     """Return the slots of a region that holds the whole garment and what stays put."""
     n = len(tables.index) + 1
     return n + -n % WORD
+
+
+def region_sizes(tables: CollisionTables, parts: tuple[float, ...]) -> list[int]:
+    """Return the slots of regions of these parts of the garment, in full words, and of all of it last."""
+    whole = whole_size(tables)
+    sizes = {WORD * math.ceil(part * whole / WORD) for part in parts}
+    return [*sorted(size for size in sizes if size < whole), whole]
 
 
 def nobody(tables: CollisionTables) -> Members:

@@ -42,7 +42,12 @@ class CollisionOptions(NamedTuple):
     tolerance: float = 5e-4  # largest movement between two searches that counts as standing still
     projections: int = 8  # projections at the end at most, each with new correspondences
     rings: int = 4  # edges from a contact to the last vertex that may move
-    sizes: tuple[int, ...] = (256, 768, 1536)  # of regions; beyond them one takes the whole garment
+    sizes: tuple[float, ...] = (
+        0.09,
+        0.18,
+        0.27,
+        0.36,
+    )  # of regions, in parts of the garment; beyond: all of it
 
 
 class _Progress(NamedTuple):

@@ -8,6 +8,7 @@ from garment_jax.collision.region import (
     find_members,
     make_region,
     nobody,
+    region_sizes,
     smoothness,
 )
 from garment_jax.geometry.laplacian import laplacian, uniform_table
@@ -29,6 +30,13 @@ def test_dilation_adds_one_ring_at_a_time():
         expected[made.index[i]] = True
     np.testing.assert_array_equal(grown, expected)
     np.testing.assert_array_equal(dilate(jnp.asarray(mask), made, 0), mask)
+
+
+def test_sizes_of_regions_grow_with_the_garment():
+    made, *_ = tables()  # 576 vertices, and one place for what stays put
+    assert region_sizes(made, (0.15, 0.5)) == [96, 320, 608]
+    assert region_sizes(made, (0.15, 0.151, 2.0)) == [96, 608]
+    assert region_sizes(made, ()) == [608]
 
 
 def test_a_regions_energy_and_gradient_are_the_whole_meshs():

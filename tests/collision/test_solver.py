@@ -41,7 +41,7 @@ def resolve(V, body, state, pin_positions, settings, sizes):
     )
 
 
-def run(V: np.ndarray, *, pins=None, sizes: tuple[int, ...] = (), **settings):
+def run(V: np.ndarray, *, pins=None, sizes: tuple[float, ...] = (), **settings):
     """Resolve one frame; the settings are traced, so that the tests share one compilation."""
     made, body, _ = tables()
     defaults = {"eps": 1e-3, "iterations": 60, "rings": 6}
@@ -128,7 +128,7 @@ def test_pins_are_overwritten_and_stay_even_inside(pierced):
 
 def test_small_and_whole_solve_agree():
     V, _ = sheet(0.21)
-    small, _ = run(V, sizes=(96, 480), rings=2)
+    small, _ = run(V, sizes=(0.15, 0.8), rings=2)
     whole, _ = run(V, rings=2)
     assert small.steps > 0
     np.testing.assert_allclose(small.V, whole.V, atol=1e-5)
