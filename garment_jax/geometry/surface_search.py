@@ -56,8 +56,9 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     low, high = leaves.min(axis=1), leaves.max(axis=1)
     branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
     slab = _slabs(leaves, _planes(jnp.asarray(tables.spread), flat))
-    corners = _planes(jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1), flat)
-    corners = corners.transpose(1, 0, 2, 3).reshape(len(corners[0]), -1)
+    named = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
+    named = named + len(vertices) * jnp.arange(3, dtype=jnp.int32)[None, :, None]
+    corners = _gathered(flat, named.reshape(len(named), -1))
     return PosedSurface(
         vertices, flat, corners, origin, (low + high) / 2, (high - low) / 2, slab, branch_low, branch_high
     )
@@ -139,7 +140,11 @@ def search(
 def _planes(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
     """Return the coordinates `[3, *k]` of these vertices."""
     first = len(flat) // 3 * jnp.arange(3, dtype=jnp.int32).reshape(3, *(1 for _ in rows.shape))
-    return flat.at[rows[None] + first].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    return _gathered(flat, rows[None] + first)
+
+
+def _gathered(flat: Array, places: Array) -> Array:
+    return flat.at[places].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _key(squared: Array, slots: Array | int) -> Array:
