@@ -22,6 +22,7 @@ from garment_jax.geometry.surface_search import (
     PosedSurface,
     branch_gap_squared,
     branches_within,
+    coordinates_of,
     distance_to,
     group_boxes,
     search,
@@ -61,9 +62,9 @@ def crossing_limit(
     If it crossed a part of the surface on a straight way since the last frame, it is no farther from
     that part than the two have moved against each other.
     """
-    step, reach = _movement((V - state.V).T[:, jnp.asarray(tables.groups).T])
+    step, reach = _movement(V - state.V, jnp.asarray(tables.groups))
     body = surface.vertices + surface.origin[None] - state.collider
-    branch_step, branch_reach = _movement(body.T[:, jnp.asarray(tables.surface.branches).T])
+    branch_step, branch_reach = _movement(body, jnp.asarray(tables.surface.branches))
     apart = jnp.zeros(())
     for x in range(3):
         apart = apart + (step[x, :, None] - branch_step[x][None]) ** 2
@@ -85,9 +86,10 @@ def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
     return jnp.asarray(turn) == s * (frame % s) + (frame // s) % s
 
 
-def _movement(steps: Float[Array, "3 k b"]) -> tuple[Array, Array]:
+def _movement(steps: Float[Array, "n 3"], points: Int[Array, "b k"]) -> tuple[Array, Array]:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
-    steps = materialised(steps)  # gathered once, not for both reductions
+    flat = materialised(steps.T).reshape(-1)
+    steps = materialised(coordinates_of(points.T, flat))  # gathered once, not for both reductions
     mean = steps.mean(axis=1)
     return mean, jnp.sqrt(((steps - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
 

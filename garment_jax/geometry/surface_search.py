@@ -52,10 +52,10 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     vertices = vertices - origin[None]
     # coordinate after coordinate, leaves last: what XLA runs eight at a time
     flat = materialised(vertices.T).reshape(-1)
-    leaves = materialised(_planes(jnp.asarray(tables.corners).T, flat))
+    leaves = materialised(coordinates_of(jnp.asarray(tables.corners).T, flat))
     low, high = leaves.min(axis=1), leaves.max(axis=1)
     branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
-    slab = _slabs(leaves, _planes(jnp.asarray(tables.spread), flat))
+    slab = _slabs(leaves, coordinates_of(jnp.asarray(tables.spread), flat))
     named = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
     named = named + len(vertices) * jnp.arange(3, dtype=jnp.int32)[None, :, None]
     corners = _gathered(flat, named.reshape(len(named), -1))
@@ -137,8 +137,8 @@ def search(
     return Nearest(triangle.astype(jnp.int32).reshape(g, s), squared.reshape(g, s))
 
 
-def _planes(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
-    """Return the coordinates `[3, *k]` of these vertices."""
+def coordinates_of(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
+    """Return the coordinates `[3, *k]` of these vertices, of all coordinates one after the other."""
     first = len(flat) // 3 * jnp.arange(3, dtype=jnp.int32).reshape(3, *(1 for _ in rows.shape))
     return _gathered(flat, rows[None] + first)
 
@@ -210,7 +210,7 @@ def distance_to(
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
     vertex = materialised(jnp.asarray(tables.faces)[triangle].T)
-    corners = materialised(_planes(vertex, surface.flat))
+    corners = materialised(coordinates_of(vertex, surface.flat))
     squared = squared_distance(points.T, corners[..., None])[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 
