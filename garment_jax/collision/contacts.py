@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.result import CollisionState
@@ -75,15 +74,13 @@ def crossing_limit(
 
 def of_group(values: Array, tables: CollisionTables) -> Array:
     """Return the value `[n]` of each vertex' group, of `[g]`."""
-    return values[jnp.asarray(np.asarray(tables.slot) // tables.groups.shape[1])]
+    return values[jnp.asarray(tables.group)]
 
 
 def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
     """Return the vertices searched in this frame whatever is known: every one once in s^2 frames."""
     s = tables.groups.shape[1]
-    group, member = np.divmod(tables.slot, s)
-    turn = s * (group % s) + member  # on the host: a division takes as long as ten other operations
-    return jnp.asarray(turn) == s * (frame % s) + (frame // s) % s
+    return jnp.asarray(tables.turn) == s * (frame % s) + (frame // s) % s
 
 
 def _movement(steps: Float[Array, "n 3"], points: Int[Array, "b k"]) -> tuple[Array, Array]:

@@ -52,7 +52,7 @@ def advance(
 
 
 def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) -> Iterate:
-    """Take the steps on a region of `size` vertices, with the coordinates first: so they vectorise."""
+    """Take the steps on a region of `size` places, with the coordinates first: so they vectorise."""
     region = make_region(members, tables, size)
     x, y, base, point, direction = (
         leaf[region.vertex].T for leaf in (now.x, now.y, local, at.point, at.direction)

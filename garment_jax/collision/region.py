@@ -19,7 +19,7 @@ BLOCK = 256  # members whose energy is added up at a time
 
 
 class Members(NamedTuple):
-    """Which vertices take part in a solve, before anything is gathered; `whole` is n in full words."""
+    """Which vertices take part in a solve, before anything is gathered; `whole` is n + 1 in full words."""
 
     moving: jax.Array  # [n] bool
     vertex: jax.Array  # [whole] int32 those that move and their one-rings, group after group
@@ -59,8 +59,14 @@ def whole_size(tables: CollisionTables) -> int:
 
 
 def region_sizes(tables: CollisionTables, parts: tuple[float, ...]) -> list[int]:
-    """Return the slots of regions of these parts of the garment, in full words, and of all of it last."""
+    """Return the slots of regions of these parts of the garment, in full words, and of all of it last.
+
+    Raises `ValueError` for a part that is none: 0 or less, or more than 1.
+    """
     whole = whole_size(tables)
+    for part in parts:
+        if not 0 < part <= 1:
+            raise ValueError(f"a region of {part:g} garments; give parts of the garment, between 0 and 1.")
     sizes = {WORD * math.ceil(part * whole / WORD) for part in parts}
     return [*sorted(size for size in sizes if size < whole), whole]
 

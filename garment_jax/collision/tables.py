@@ -11,11 +11,13 @@ from garment_jax.structs import Collider, RiggedBody
 
 
 class CollisionTables(NamedTuple):
-    """Everything about a garment and a collider that does not change from frame to frame (static)."""
+    """Everything about a garment and a collider that does not change from frame to frame."""
 
     surface: SurfaceTables
     groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
     slot: np.ndarray  # [n] int32 the first place of each vertex in `groups`, counted row by row
+    group: np.ndarray  # [n] int32 the row of that place
+    turn: np.ndarray  # [n] int32 in which of 64 frames a vertex is searched whatever is known, see `probed`
     order: np.ndarray  # [n] int32 the vertices, group after group
     index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
     weight: np.ndarray  # [n, k] float32 the Laplacian's stencil
@@ -61,4 +63,11 @@ def make_collision_tables(
     back = transposed_weights(table)
     bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
-    return CollisionTables(surface, groups, slot, order, np.asarray(table.index), weight, back, bound)
+    s = groups.shape[1]
+    group, member = np.divmod(
+        slot, s
+    )  # here: among a frame's operations a division takes as long as ten others
+    turn = s * (group % s) + member
+    return CollisionTables(
+        surface, groups, slot, group, turn, order, np.asarray(table.index), weight, back, bound
+    )

@@ -55,12 +55,16 @@ def materialised(x: T) -> T:
 
     There it is done once for every neighbour: twelve times the time for two Laplacians in a row, and
     `optimization_barrier` is dropped before the fusion. A branch that is not known until run time stays; both
-    sides return what they are given.
+    sides return what they are given. (Under `vmap` it is a selection, and stays no more.)
     """
-    first = jax.tree.leaves(x)[0].reshape(-1)[0]
-    return jax.lax.platform_dependent(
-        x, cpu=lambda x: jax.lax.cond(_common(first), lambda x: x, _again, x), default=lambda x: x
-    )
+    if not any(leaf.size for leaf in jax.tree.leaves(x)):
+        return x
+
+    def branch(x: T) -> T:
+        first = next(leaf for leaf in jax.tree.leaves(x) if leaf.size).reshape(-1)[0]
+        return jax.lax.cond(_common(first), lambda x: x, _again, x)
+
+    return jax.lax.platform_dependent(x, cpu=branch, default=lambda x: x)
 
 
 def _common(x: jax.Array) -> jax.Array:

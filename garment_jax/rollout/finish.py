@@ -51,7 +51,8 @@ def make_finisher(
     (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
     `config.collision` says. The networks and all that comes before collisions run a chunk ahead, on another
-    thread. `out_of_reach`, `programs` and `facts` as in `make_animator` and `make_chunk_resolver`.
+    thread, which knows nothing of this one's JAX settings but its device. `out_of_reach`, `programs` and
+    `facts` as in `make_animator` and `make_chunk_resolver`.
     """
     collision = collision and scene.collider is not None
     follow = collision and config.collision.limbs

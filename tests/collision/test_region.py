@@ -1,6 +1,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from garment_jax.collision.region import (
     dilate,
@@ -35,8 +36,11 @@ def test_dilation_adds_one_ring_at_a_time():
 def test_sizes_of_regions_grow_with_the_garment():
     made, *_ = tables()  # 576 vertices, and one place for what stays put
     assert region_sizes(made, (0.15, 0.5)) == [96, 320, 608]
-    assert region_sizes(made, (0.15, 0.151, 2.0)) == [96, 608]
+    assert region_sizes(made, (0.15, 0.151, 1.0)) == [96, 608]
     assert region_sizes(made, ()) == [608]
+    for part in (0.0, 256, float("nan")):
+        with pytest.raises(ValueError, match="parts of the garment"):
+            region_sizes(made, (part, 0.5))
 
 
 def test_a_regions_energy_and_gradient_are_the_whole_meshs():

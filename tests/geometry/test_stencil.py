@@ -79,6 +79,14 @@ def test_so_do_integers_and_what_comes_beside_them(first):
     np.testing.assert_array_equal(found[1]["y"], y)
 
 
+def test_what_is_empty_comes_back():
+    empty, one = jnp.zeros((0, 3)), jnp.ones(2)
+    assert materialised(empty).shape == (0, 3)
+    found = materialised((empty, one))
+    assert found[0].shape == (0, 3)
+    np.testing.assert_array_equal(found[1], one)
+
+
 def test_the_gradient_of_what_is_materialised():
     x = jnp.asarray([0.3, -2.0], jnp.float32)
     for start in (0.0, np.nan):
