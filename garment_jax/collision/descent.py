@@ -16,6 +16,7 @@ from garment_jax.collision.projection import lift
 from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.triangle import dot
 
 
 class Iterate(NamedTuple):
@@ -60,7 +61,7 @@ def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) 
     x, y = (jnp.where(region.moving[None], z, 0.0) for z in (x, y))
     # where there is no correspondence, there is no plane
     direction = jnp.where((region.moving & at.known[region.vertex])[None], direction, 0.0)
-    height = options.eps - _dot(base - point, direction)
+    height = options.eps - dot(base - point, direction)
     step = partial(_gradient_step, direction, height, region, tables)
     x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
     target = jnp.where(region.moving, region.vertex, len(local))
@@ -77,17 +78,13 @@ def _gradient_step(direction, height, region: Region, tables, _, carry):
     x, y, theta = carry
     ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
     ahead = materialised(jnp.where(region.moving[None], ahead, 0.0))  # all three coordinates meet below
-    short = jnp.maximum(height - _dot(ahead, direction), 0.0)
+    short = jnp.maximum(height - dot(ahead, direction), 0.0)
     new = ahead + jnp.where(region.moving, short, 0.0)[None] * direction
     uphill = jnp.vdot(y - new, new - x) > 0
     theta = jnp.where(uphill, 1.0, theta)
     following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
     beta = jnp.where(uphill, 0.0, (theta - 1) / following)
     return new, new + beta * (new - x), following
-
-
-def _dot(u: Float[Array, "3 m"], v: Float[Array, "3 m"]) -> Array:
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
 def _pushed(local, x, at: Contacts, moving: Array, margin: Array):
