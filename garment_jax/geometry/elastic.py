@@ -2,9 +2,11 @@
 
     1/2 ||Lap(x)||^2 + hold/2 ||x||^2 + spring/2 sum over edges (|edge of P + x| - its rest length)^2
 
-`hold` and `spring` follow from two lengths and the mesh, so that both act alike on finer meshes.
+`hold` and `spring` follow from two lengths and the mesh, so that both act alike on finer meshes. An edge of
+less than 1 / `crushed` of its length pushes in proportion to what is left of it.
 """
 
+import math
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -43,7 +45,8 @@ class ElasticTables(NamedTuple):
     bands: tuple[Band, ...]  # one after the other, all vertices
     hold: float  # weight of the distance from the prediction, beside the Laplacian's 1
     spring: float  # weight of the edges' lengths
-    lipschitz: float  # above the energy's largest curvature; that of a crushed edge is far below 0
+    crushed: float  # how many times its length an edge may want to have: beyond, it pushes for no more
+    lipschitz: float  # above the energy's largest curvature
 
 
 Edges = tuple[jax.Array, ...]  # of each band, [3, k, m]
@@ -55,11 +58,13 @@ def make_elastic_tables(
     *,
     spread: float,
     thickness: float,
+    crushed: float = math.inf,
 ) -> ElasticTables:
     """Return the tables of a garment (`template` in metres) with at least one edge.
 
     `spread` (metres): over which bending lets a displacement die away. `thickness` (metres): with edges so
-    long, changing their length costs as much as displacing a vertex by as much. Raises `ValueError` for a
+    long, changing their length costs as much as displacing a vertex by as much. `crushed`: an edge
+    shorter than 1 / `crushed` of its length pushes the less the shorter it is. Raises `ValueError` for a
     Laplacian whose one-ring is not symmetric.
     """
     T = np.asarray(template, np.float64)
@@ -78,7 +83,7 @@ def make_elastic_tables(
     columns = [np.take_along_axis(x, first, axis=0)[:, order] for x in columns]
     ends = [*band_ends(count[order]), len(T)]
     bands = (_band(columns, slice(a, b), int(count[order[a]])) for a, b in pairwise(ends))
-    return ElasticTables(order, place, tuple(bands), hold, spring, bound)
+    return ElasticTables(order, place, tuple(bands), hold, spring, crushed, bound)
 
 
 def band_ends(count: Int[np.ndarray, " n"]) -> list[int]:
@@ -168,7 +173,7 @@ def elastic_gradient(
             wanted = jnp.asarray(band.rest[k])
             if longest is not None:
                 wanted = jnp.clip(length, wanted, longest[b][k])
-            pull = pull + (1 - wanted / length)[None] * e
+            pull = pull + jnp.maximum(1 - wanted / length, 1 - tables.crushed)[None] * e
         pulled.append(pull)
     return bent + tables.hold * x + tables.spring * jnp.concatenate(pulled, axis=1)
 
