@@ -204,6 +204,7 @@ _POSITIVE = frozenset(
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
     | {"rows", "columns", "patch", "points", "log_every", "chunk", "components", "bones"}
 )
+_PARTS = frozenset({"dropout", "from_first", "true_starts", "growth", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
 _RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.", "baselines.")
@@ -239,7 +240,7 @@ def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") ->
         _refuse_unknown(entries, hints, kind=f"key in [{name}]", source=source)
         values = {key: _checked(f"{name}.{key}", hints[key], value, source) for key, value in entries.items()}
         built[name] = sections[name](**values)
-    return Config(**built)
+    return _fitting(Config(**built), source)
 
 
 def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
@@ -261,6 +262,21 @@ def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
         config = dataclasses.replace(
             config, **{section: dataclasses.replace(getattr(config, section), **{key: value})}
         )
+    return _fitting(config, source)
+
+
+def _fitting(config: Config, source: str) -> Config:
+    """`config`, or ValueError where its UV maps cannot be halved by every convolution."""
+    size = config.uv.size
+    for section in ("generative", "motion"):
+        widths = getattr(config, section).channels
+        if not widths:
+            raise ValueError(f"{source}: {section}.channels is empty; give a width for each convolution.")
+        if size % 2 ** len(widths):
+            raise ValueError(
+                f"{source}: uv.size = {size} cannot be halved by each of {len(widths)} convolutions "
+                f"({section}.channels); give a multiple of {2 ** len(widths)}, such as 64."
+            )
     return config
 
 
@@ -364,7 +380,10 @@ def _checked(name: str, hint: Any, value: Any, source: str) -> Any:
 
 
 def _in_range(name: str, value: float, source: str) -> float:
-    positive = name.partition(".")[2] in _POSITIVE
+    key = name.partition(".")[2]
+    positive = key in _POSITIVE
+    if key in _PARTS and not 0 <= value <= 1:
+        raise ValueError(f"{source}: {name} = {value!r} is a part of a whole; give a number from 0 to 1.")
     if not math.isfinite(value) or value < 0 or (positive and value == 0):
         bound = "greater than 0" if positive else "0 or greater"
         raise ValueError(f"{source}: {name} = {value!r} must be a finite number, {bound}.")

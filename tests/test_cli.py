@@ -37,6 +37,27 @@ def test_evaluate_never_writes_over_what_it_reads(tmp_path: Path, capsys):
     assert path.read_bytes() == before
 
 
+def test_evaluate_replaces_its_own_figures_alone(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_clip("p.h5", 6)
+    others = {
+        "config.json": '{"metrics": 1}',
+        "empty.json": "[]",
+        "no.json": "v 0 0 0",
+        "skirt.obj": "v 0 0 0",
+    }
+    for name, text in others.items():
+        Path(name).write_text(text)
+        assert main(["evaluate", "p.h5", "p.h5", "--out", name]) == 2
+        reason = "does not end in .json" if name == "skirt.obj" else f"{name} is there and evaluate did not"
+        assert reason in capsys.readouterr().err
+        assert Path(name).read_text() == text
+    assert main(["evaluate", "p.h5", "p.h5", "--out", "a" * 300 + ".json"]) == 2
+    assert "is a name of 305 bytes, more than 240; give a shorter one." in capsys.readouterr().err
+    for _ in range(2):
+        assert main(["evaluate", "p.h5", "p.h5", "--every", "6", "--out", "new.json"]) == 0
+
+
 def test_a_second_simulation_does_not_replace_the_first(tmp_path: Path, capsys):
     path = write_clip(tmp_path / "p.h5", 6)
     before = path.read_bytes()
@@ -104,6 +125,8 @@ def test_render_writes_pictures_and_names_them(tmp_path: Path, capsys):
         (["info", "."], "neither a run nor a model"),
         (["collide", "nowhere.h5", "--out", "o.h5"], "no such file"),
         (["collide", "a.h5", "--out", "./a.h5"], "a.h5 is what is read"),
+        (["collide", "a.h5", "--out", "."], ". is a folder; name a sequence file"),
+        (["collide", "a.h5", "--out", "o.obj"], "--out o.obj does not end in .h5"),
         (["collide", "a.h5", "--out", "o.h5", "--eps", "-1"], "--eps -1 mm is out of range"),
     ],
 )

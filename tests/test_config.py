@@ -55,7 +55,11 @@ def kinds(monkeypatch: pytest.MonkeyPatch) -> type[KindsConfig]:
 def changed_everywhere() -> Config:
     """A configuration in which every field differs from its default."""
 
-    def other(hint: object, value: object) -> object:
+    def other(key: str, hint: object, value: object) -> object:
+        if key == "size":
+            return 96  # which five convolutions halve
+        if key in config_module._PARTS:
+            return 1.0 - value  # type: ignore[operator]
         if get_origin(hint) is tuple:
             return (*value, get_args(hint)[0](1))  # type: ignore[misc, index]
         if get_origin(hint) is Literal:
@@ -64,7 +68,7 @@ def changed_everywhere() -> Config:
 
     def section(old: object) -> object:
         hints = get_type_hints(type(old))
-        return dataclasses.replace(old, **{k: other(hints[k], getattr(old, k)) for k in hints})  # type: ignore[type-var]
+        return dataclasses.replace(old, **{k: other(k, hints[k], getattr(old, k)) for k in hints})  # type: ignore[type-var]
 
     return Config(**{f.name: section(getattr(Config(), f.name)) for f in dataclasses.fields(Config)})  # type: ignore[arg-type]
 
@@ -141,6 +145,17 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
         (["--uv.size"], r"--uv\.size has no value; write --uv\.size VALUE"),
         (["uv.size", "3"], r"'uv\.size' is not an override; write --SECTION\.KEY VALUE"),
         (["--stage", "all"], r"'--stage' is not an override"),
+        (
+            ["--motion.dropout", "3"],
+            r"motion\.dropout = 3\.0 is a part of a whole; give a number from 0 to 1",
+        ),
+        (["--training.warmup", "-0.1"], r"warmup = -0\.1 is a part of a whole"),
+        (["--generative.channels="], r"generative\.channels is empty; give a width for each"),
+        (
+            ["--uv.size", "7"],
+            r"uv\.size = 7 cannot be halved by each of 4 convolutions \(generative\.channels\)",
+        ),
+        (["--motion.channels", "1,1,1,1,1,1,1"], r"\(motion\.channels\); give a multiple of 128"),
     ],
 )
 def test_wrong_overrides_are_refused(words: list[str], message: str) -> None:

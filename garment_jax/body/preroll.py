@@ -5,16 +5,19 @@ import numpy as np
 from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.structs import Motion
 
+LONGEST = 100_000  # frames; cloth hangs after a hundred
 SETTLE, BLEND = 0.48, 0.39  # parts of the preroll; the rest holds the first pose
 
 
 def preroll_motion(motion: Motion, frames: int) -> Motion:
     """Return `frames` frames that go before `motion`: canonical pose, a smoothstep blend, the first pose.
 
-    As `into_first_pose`. Raises `ValueError` for a negative length.
+    As `into_first_pose`. Raises `ValueError` for a negative length, or one of more than `LONGEST`.
     """
     if frames < 0:
         raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
+    if frames > LONGEST:
+        raise ValueError(f"--preroll {frames} is hours of motion; give {LONGEST} frames at most, such as 90.")
     # however short the preroll is, its last frame is the first pose
     u = np.clip((np.arange(frames) / max(frames - 1, 1) - SETTLE) / BLEND, 0.0, 1.0)
     before = into_first_pose(motion, smoothstep(u))

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -40,8 +41,31 @@ def run(options: argparse.Namespace) -> None:
 
 
 def check_out(out: Path, read: Sequence[Path]) -> None:
-    """Raise `ValueError` for a file to write that is a folder, or among those that are `read`."""
-    if out.is_dir():
+    """Check where the figures are to be written, before anything is measured.
+
+    Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in .json or
+    is too long, and a file that `evaluate` did not write.
+    """
+    from garment_jax.data.replaceable import check_name
+
+    if os.path.isdir(out):
         raise ValueError(f"--out {out} is a folder; name a file.")
     if out.resolve() in {path.resolve() for path in read}:
         raise ValueError(f"--out {out} is what is read; write to another file.")
+    check_name(out)
+    if out.suffix != ".json":
+        raise ValueError(f"--out {out} does not end in .json; name a JSON file, such as {out.name}.json.")
+    if os.path.exists(out) and not _holds_figures(out):
+        raise ValueError(
+            f"--out {out} is there and evaluate did not write it; name another --out, or move it away."
+        )
+
+
+def _holds_figures(path: Path) -> bool:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError):  # no text, no JSON, not to be read
+        return False
+    clips = found if isinstance(found, list) else [found]
+    keys = {"prediction", "truth", "metrics"}
+    return bool(clips) and all(isinstance(clip, dict) and keys <= clip.keys() for clip in clips)

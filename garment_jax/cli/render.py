@@ -25,6 +25,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.render import render_files
+    from garment_jax.simulation.progress import FrameProgress
 
     if len(options.paths) > 2:
         raise ValueError(
@@ -34,5 +35,7 @@ def run(options: argparse.Namespace) -> None:
     names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
     settings = {name: getattr(options, name) for name in names}
     for pair in pairs:
-        for path in render_files(list(pair), options.out, **settings):
+        with FrameProgress(f"{Path(pair[-1]).stem}, pictures") as progress:
+            written = render_files(list(pair), options.out, **settings, progress=progress)
+        for path in written:
             print(path, flush=True)

@@ -16,8 +16,12 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.rollout.model import save_model
+    from garment_jax.rollout.model_folder import MEASURED
     from garment_jax.training.pipeline import trained_model
 
+    measured = [name for name in MEASURED if (options.out / name).is_file()]
     folder = save_model(trained_model(options.run_dir), options.out, bits=options.bits)
     size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
     print(f"{folder}: {size:.1f} MB, {options.bits} bits")
+    if measured:
+        print(f"removed {' and '.join(measured)}, which belonged to the model replaced; measure again")

@@ -26,12 +26,14 @@ from garment_jax.collision.solver import CollisionOptions
 from garment_jax.collision.tables import make_collider_tables, make_collision_tables
 from garment_jax.config import CollisionConfig
 from garment_jax.data.lanes import repeated_last
+from garment_jax.data.replaceable import COLLIDED, check_prediction_out
 from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
 from garment_jax.data.validation import check_input
 from garment_jax.geometry.laplacian import uniform_table
 
 WINDOW = 64  # frames in memory at a time, and in one compiled piece
 LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
+LARGEST_ITERATIONS = 100_000  # of which none has needed more than a few hundred
 
 
 class Report(NamedTuple):
@@ -59,7 +61,8 @@ def collide_file(
     body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
     `limbs` what a limb has passed through is put back on its side first (`collision/sides.py`). Pinned
     vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
-    `extra/collision_...` are added. Raises `ValueError` or `OSError` in one sentence.
+    `extra/collision_...` are added. Raises `ValueError` or `OSError` in one sentence; so for an `out` that is
+    there and neither predicted nor written here.
     """
     _check_settings(eps, iterations)
     _check_paths(Path(path), Path(out), body)
@@ -75,7 +78,7 @@ def collide_file(
             solid.motion,
             encoding=sequence.encoding,
             scale=sequence.scale or DEFAULT_SCALE,
-            attributes=sequence.attributes | {"collision_eps_m": eps},
+            attributes=sequence.attributes | {COLLIDED: eps},
         )
         pieces: list[FrameFigures] = []
         with writer:
@@ -123,14 +126,18 @@ def _check_settings(eps: float, iterations: int) -> None:
             f"--eps {1e3 * eps:g} mm is out of range; give 0 to {1e3 * LARGEST_EPS:g} millimetres, such as "
             f"{1e3 * CollisionConfig.eps:g}."
         )
-    if iterations < 0:
-        raise ValueError(f"--iterations {iterations} is negative; give the gradient steps a frame may take.")
+    if not 0 <= iterations <= LARGEST_ITERATIONS:
+        raise ValueError(
+            f"--iterations {iterations} is out of range; give the gradient steps a frame may take, 0 to "
+            f"{LARGEST_ITERATIONS}, such as {CollisionConfig.iterations}."
+        )
 
 
 def _check_paths(path: Path, out: Path, body: str | Path | None) -> None:
     for given in (path, body):
         if given is not None and out.resolve() == Path(given).resolve():
             raise ValueError(f"--out {out} is what is read, {given}; write to another file.")
+    check_prediction_out(out)
 
 
 def _kept_columns(sequence: Sequence) -> dict[str, np.ndarray]:

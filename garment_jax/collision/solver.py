@@ -94,9 +94,14 @@ def resolve_collisions(
 
     `V_f` and `collider_vertices` in metres, in any frame that both share; the state's last frame in the
     same, or one that has moved a little. `pins` are overwritten with `pin_positions` and stay, inside
-    the body or not. The descent begins from the last frame's correction. Pure and jittable; failures
-    are reported in the result (`outcome`, `MESSAGES`), never raised.
+    the body or not. The descent begins from the last frame's correction. Failures are reported in the
+    result (`outcome`, `MESSAGES`), never raised.
+
+    Pure; works under `jit`, `vmap` and `jvp`. There is no reverse-mode gradient, for the iteration is a
+    `while_loop`: `penetration` is the form to differentiate, in a training loss for example.
+    Raises `ValueError` unless `pins` and `pin_positions` come together and are as many.
     """
+    check_pins(pins, pin_positions)
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
     free = jnp.ones(len(V), bool) if pins is None else jnp.ones(len(V), bool).at[pins].set(False)
     finite = jnp.isfinite(V).all() & jnp.isfinite(collider_vertices).all()
@@ -122,6 +127,18 @@ def resolve_collisions(
     outside = outside & ~_betrayed(probe & state.outside & end.inside, tables)
     following = CollisionState(end.at.triangle, V_out, collider_vertices, outside, V_out - V, state.frame + 1)
     return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
+
+
+def check_pins(pins, pin_positions) -> None:
+    """Raise `ValueError` unless both are None or there are as many positions `[p, 3]` as pins."""
+    if (pins is None) != (pin_positions is None):
+        given, missing = ("pins", "pin_positions") if pin_positions is None else ("pin_positions", "pins")
+        raise ValueError(f"{given} came without {missing}; give both, or neither where nothing is pinned.")
+    if pins is not None and jnp.shape(pin_positions) != (len(pins), 3):
+        raise ValueError(
+            f"pin_positions is {list(jnp.shape(pin_positions))} for {len(pins)} pins; "
+            f"give [{len(pins)}, 3], a position for each."
+        )
 
 
 def _first_limit(V, gaps, probe, state, surface, tables, options) -> Array:

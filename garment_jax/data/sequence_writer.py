@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.guarded_file import GuardedFile
+from garment_jax.data.replaceable import check_name
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
@@ -43,6 +44,7 @@ class SequenceWriter:
         attributes: dict | None = None,
     ) -> None:
         self.path = Path(path)
+        check_name(self.path)
         if encoding not in ("int16", "float32", "none"):
             raise ValueError(f"encoding={encoding!r} is unknown; choose 'int16', 'float32' or 'none'.")
         if not 0 < scale < 1:
@@ -98,7 +100,9 @@ class SequenceWriter:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._disk = GuardedFile(self._temporary)
         except OSError as error:
-            raise OSError(f"{self.path} could not be written ({error.strerror}).") from error
+            raise OSError(
+                f"{self.path} could not be written ({error.strerror}); choose another folder."
+            ) from error
         self._file = h5py.File(self._disk, "w")
         try:
             self._file.attrs.update(self._attributes)

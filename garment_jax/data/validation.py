@@ -6,6 +6,7 @@ meshes and skeletons that differ from the model's.
 """
 
 from collections.abc import Iterable
+from collections.abc import Sequence as Many
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ def check_input(sequence: Sequence, *, joints: Iterable[str] = ()) -> None:
     name = f"clip {sequence.name}"
     check_scene(sequence.scene, name)
     check_joints(sequence.scene.body, joints, name)
-    check_motion(sequence.motion, name)
+    check_motion(sequence.motion, name, joints=sequence.scene.body.joint_names)
 
 
 def check_scene(scene: Scene, name: str) -> None:
@@ -85,13 +86,18 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
         )
 
 
-def check_motion(motion: Motion, name: str) -> None:
-    """Raise ValueError if rotations are none or the root jumps."""
+def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
+    """Raise ValueError if rotations are none or the root jumps; `joints` are the rotations' names."""
     R = motion.rotations.astype(np.float64)
-    error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(1, 2, 3))
-    if error.max() > 1e-2 or np.linalg.det(R).min() < 0:
-        frame = int(error.argmax())
-        raise ValueError(f"{name}: rotations of frame {frame} are no rotation matrices; export them again.")
+    error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
+    with np.errstate(invalid="ignore"):
+        wrong = ~((error <= 1e-2) & (np.linalg.det(R) >= 0))  # a mirrored one has no error; NaN is wrong, too
+    if wrong.any():
+        frame, joint = np.argwhere(wrong)[0]
+        which = joints[joint] if joint < len(joints) else f"joint {joint}"
+        raise ValueError(
+            f"{name}: rotations of frame {frame} are no rotation matrices ({which}); export them again."
+        )
     speed = np.linalg.norm(np.diff(motion.root, axis=0), axis=1) * motion.fps
     if len(speed) and speed.max() > FASTEST:
         raise ValueError(

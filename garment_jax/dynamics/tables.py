@@ -44,12 +44,8 @@ class DynamicsTables(NamedTuple):
     laplacian: LaplacianTable  # uniform, of the template
 
 
-def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConfig) -> DynamicsTables:
-    """Return the tables of `scene`.
-
-    Raises `ValueError` for a map that patches do not tile, for widths that are not two, and as
-    `make_centred_atlas` and `make_seeds` do.
-    """
+def check_patches(config: DynamicsConfig) -> None:
+    """Raise `ValueError` for a map that patches do not tile, or for widths that are not two."""
     if config.patch % 2 or config.rows % config.patch or config.columns % config.patch:
         raise ValueError(
             f"dynamics: patches of {config.patch} texels do not tile {config.rows} x {config.columns}; take "
@@ -57,6 +53,15 @@ def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConf
         )
     if len(config.channels) != 2:
         raise ValueError(f"dynamics.channels = {list(config.channels)} must be two widths, such as [48, 64].")
+
+
+def make_dynamics_tables(scene: Scene, *, config: DynamicsConfig, body: BodyConfig) -> DynamicsTables:
+    """Return the tables of `scene`.
+
+    Raises `ValueError` for a map that patches do not tile, for widths that are not two, and as
+    `make_centred_atlas` and `make_seeds` do.
+    """
+    check_patches(config)
     garment, origin = scene.garment, scene.body.joints[0].astype(np.float64)
     shape = (config.rows, config.columns)
     atlas, wraps = make_centred_atlas(garment, shape), wraps_around(garment)

@@ -1,6 +1,8 @@
 """`garment-jax render`: contact sheets, the error curve and a short film of sequence files."""
 
+import math
 import os
+from collections.abc import Callable
 from collections.abc import Sequence as Many
 from contextlib import ExitStack
 from pathlib import Path
@@ -32,6 +34,7 @@ def render_files(
     whole_body: bool = False,
     height: int = 360,
     seconds: float = 6.0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
 
@@ -39,36 +42,56 @@ def render_files(
     (colours up to `scale_cm`, by default a round number that covers 99 of 100 vertices) and
     `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
     `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front, `height`
-    of a picture in pixels. Returns what was written.
+    of a picture in pixels. `progress` is called with the frames drawn and those to draw, of all sheets
+    and the film together. Returns what was written.
 
-    Raises `ValueError` for another number of files, files that do not belong together and
-    settings out of range. Works without a display.
+    Raises `ValueError` for another number of files, files that do not belong together, settings out of
+    range and an `out` that is a file, `OSError` where the folder cannot be made. Works without a display.
     """
-    _check_settings(paths, frames, height, seconds, scale_cm)
+    _check_settings(paths, frames, height, seconds, scale_cm, azimuth)
     out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
+        _make_folder(out)
         name, written, title = clips[-1].name, [], _title(clips[-1])
         if len(clips) == 2:
             written.append(out / f"{name}_error.png")
             title += f", RMSE {_error_curve(clips, written[0]):.2f} cm"
         views = [(azimuth, "sheet"), (90.0, "side")] if side_view else [(azimuth, "sheet")]
+        film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
+        drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
         for angle, word in views:
             path = out / f"{name}_{word}.png"
-            _sheet(clips, path, title, frames, height, angle, scale_cm, whole_body)
+            _sheet(clips, path, title, frames, height, angle, scale_cm, whole_body, drawn)
             written.append(path)
         if animation:
             path = out / f"{name}.gif"
-            _film(clips, path, azimuth, scale_cm, seconds, whole_body)
+            _film(clips, path, azimuth, scale_cm, film, whole_body, drawn)
             written.append(path)
         return written
 
 
+class _Drawn:
+    """Counts the frames drawn and tells `progress`."""
+
+    def __init__(self, total: int, progress: Callable[[int, int], None] | None) -> None:
+        self._done, self._total, self._progress = 0, total, progress
+
+    def __call__(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
 def _check_settings(
-    paths: Many[str | Path], frames: int, height: int, seconds: float, scale_cm: float | None
+    paths: Many[str | Path],
+    frames: int,
+    height: int,
+    seconds: float,
+    scale_cm: float | None,
+    azimuth: float,
 ) -> None:
     if len(paths) not in (1, 2):
         raise ValueError(f"{len(paths)} files to render; give one clip, or a prediction and its truth.")
@@ -76,10 +99,21 @@ def _check_settings(
         raise ValueError(f"frames={frames} must be 1 or more; 6 makes a good sheet.")
     if not 32 <= height <= 4096:
         raise ValueError(f"height={height} pixels must lie between 32 and 4096; try 360.")
-    if seconds <= 0:
-        raise ValueError(f"seconds={seconds:g} must be above 0; try 6.")
-    if scale_cm is not None and not scale_cm > 0:
-        raise ValueError(f"scale_cm={scale_cm:g} must be above 0; leave it out for a round one.")
+    if not 0 < seconds < math.inf:
+        raise ValueError(f"seconds={seconds:g} must be above 0 and finite; try 6.")
+    if scale_cm is not None and not 0 < scale_cm < math.inf:
+        raise ValueError(f"scale_cm={scale_cm:g} must be above 0 and finite; leave it out for a round one.")
+    if not math.isfinite(azimuth):
+        raise ValueError(f"azimuth={azimuth:g} must be an angle in degrees; 35 looks from the front's side.")
+
+
+def _make_folder(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out {out} is a file; pictures fill a folder, name a folder.")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(f"--out {out} cannot be made ({error.strerror}); name another folder.") from error
 
 
 def _error_curve(clips: list[Sequence], path: Path) -> float:
@@ -104,6 +138,7 @@ def _sheet(
     azimuth: float,
     scale_cm: float | None,
     whole_body: bool,
+    drawn: _Drawn,
 ) -> None:
     clip = clips[-1]
     count = min(frames, clip.frames)
@@ -111,7 +146,7 @@ def _sheet(
     garments = [read_frames(c, shown) for c in clips]
     bodies, root, yaw = body_at(clip, shown)
     framing = frame_clips(bodies, garments, root, yaw, height=height, azimuth=azimuth, whole_body=whole_body)
-    rows, scale = _rows(clips, garments, bodies, root, yaw, framing, scale_cm)
+    rows, scale = _rows(clips, garments, bodies, root, yaw, framing, scale_cm, drawn)
     heads = [f"{f / clip.fps:.1f} s" for f in shown]
     sheet = contact_sheet(title, heads, rows, scale)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -139,8 +174,9 @@ def _rows(
     yaw: np.ndarray,
     framing: Framing,
     scale_cm: float | None,
+    drawn: _Drawn,
 ) -> tuple[list[Row], Scale | None]:
-    """Return the sheet's rows: the clip alone, or truth, prediction and error."""
+    """Return the sheet's rows: the clip alone, or truth, prediction and error; drawn frame by frame."""
 
     def draw(garment: np.ndarray, colours: np.ndarray, k: int, lit: float = 1.0) -> np.ndarray:
         camera = camera_at(framing, root[k], float(yaw[k]), supersampling=2)
@@ -150,19 +186,32 @@ def _rows(
             lit=lit, floor=framing.floor,
         )  # fmt: skip
 
-    columns = range(len(bodies))
     if len(clips) == 1:
-        return [Row(_label(clips[0]), [draw(garments[0], TRUTH, k) for k in columns], [])], None
+        alone = []
+        for k in range(len(bodies)):
+            alone.append(draw(garments[0], TRUTH, k))
+            drawn()
+        return [Row(_label(clips[0]), alone, [])], None
     pred, truth = garments
     error = vertex_distance(pred, truth)
     scale = Scale(scale_cm or round_scale(error), float(error.max()))
     captions = [f"RMSE {np.sqrt((e**2).mean()):.1f} cm, largest {e.max():.1f}" for e in error]
-    maps = [draw(pred, heat(error[k], scale.end_cm), k, 0.0) for k in columns]
+    simulated, predicted, maps = [], [], []
+    for k in range(len(bodies)):
+        simulated.append(draw(truth, TRUTH, k))
+        predicted.append(draw(pred, PREDICTION, k))
+        maps.append(draw(pred, heat(error[k], scale.end_cm), k, 0.0))
+        drawn()
     return [
-        Row("simulated", [draw(truth, TRUTH, k) for k in columns], []),
-        Row("predicted", [draw(pred, PREDICTION, k) for k in columns], []),
+        Row("simulated", simulated, []),
+        Row("predicted", predicted, []),
         Row("error", maps, captions),
     ], scale
+
+
+def _filmed(clip: Sequence, seconds: float) -> np.ndarray:
+    """Return the clip's frames that a film of `seconds` shows."""
+    return film_frames(clip.frames, clip.fps, film_fps=FILM_FPS, seconds=seconds)
 
 
 def _film(
@@ -170,12 +219,12 @@ def _film(
     path: Path,
     azimuth: float,
     scale_cm: float | None,
-    seconds: float,
+    shown: np.ndarray,
     whole_body: bool,
+    drawn: _Drawn,
 ) -> None:
     """Write the film, one frame of the clip in memory at a time beside the finished pictures."""
     clip = clips[-1]
-    shown = film_frames(clip.frames, clip.fps, film_fps=FILM_FPS, seconds=seconds)
     probe = shown[:: max(len(shown) // 12, 1)]
     bodies, root, yaw = body_at(clip, probe)
     garments = [read_frames(c, probe) for c in clips]
@@ -188,7 +237,8 @@ def _film(
     def panel(frame: int) -> np.ndarray:
         here = np.array([frame])
         body, at, turn = body_at(clip, here)
-        rows, _ = _rows(clips, [read_frames(c, here) for c in clips], body, at, turn, framing, scale_cm)
+        garment = [read_frames(c, here) for c in clips]
+        rows, _ = _rows(clips, garment, body, at, turn, framing, scale_cm, drawn)
         return np.concatenate([row.pictures[0] for row in rows], axis=1)
 
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -113,8 +113,13 @@ class PooledSkip(nn.Module):
 
 
 def pool(S: jax.Array, size: int) -> jax.Array:
-    """Return the mean of `S` `[*b, h, w, c]` over a `size` x `size` grid of blocks."""
+    """Return the mean of `S` `[*b, h, w, c]` over a `size` x `size` grid of blocks.
+
+    Raises `ValueError` for a map that such a grid does not divide.
+    """
     *batch, h, w, c = S.shape
+    if h % size or w % size:
+        raise ValueError(f"a map of {h} x {w} texels has no {size} x {size} blocks; give uv.size a multiple.")
     return S.reshape(*batch, size, h // size, size, w // size, c).mean(axis=(-4, -2))
 
 

@@ -102,13 +102,22 @@ def init_generative(key: jax.Array, template: Template, *, config: GenerativeCon
 
 
 def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, "*b h w 3"]:
-    """Return S_v: the UV map of `V` (metres, networks' frame) in the training set's deviations."""
+    """Return S_v: the UV map of `V` (metres, networks' frame) in the training set's deviations.
+
+    Raises `ValueError` for another number of vertices than the template's.
+    """
+    n = len(template.T)
+    if V.shape[-2:] != (n, 3):
+        raise ValueError(f"V is {list(V.shape)} and the template has {n} vertices; give V as [..., {n}, 3].")
     mean, std = (jnp.broadcast_to(x, V.shape) for x in template.statistics[:2])
     return to_map((V - mean) / std, template.atlas)
 
 
 def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, config: GenerativeConfig) -> Code:
-    """Return the latent code of garment frames `V` (metres, networks' frame): E_gen of its UV map."""
+    """Return the latent code of garment frames `V` (metres, networks' frame): E_gen of its UV map.
+
+    Raises `ValueError` as `position_map` does.
+    """
     modules = networks(config, len(template.T), template.atlas.coverage.shape[0])
     out = jnp.asarray(modules["E_gen"].apply({"params": params["E_gen"]}, position_map(V, template)))
     mean, log_variance = jnp.split(out, 2, axis=-1)

@@ -15,8 +15,14 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
 
     Shorter motions repeat their last frame at rest (no turn, no shift): the padding computes something
     finite that nobody reads, and all clips share one compiled program.
+    Raises `ValueError` without a motion, for a motion without frames and for a chunk below 1.
     """
+    _check_chunk(chunk)
+    if not motions:
+        raise ValueError("motions is empty; give at least one motion to roll out.")
     lengths = [len(motion.M) for motion in motions]
+    if min(lengths) == 0:
+        raise ValueError(f"motion {lengths.index(0)} has 0 frames; leave it out.")
     total = -(-max(lengths) // chunk) * chunk
 
     def padded(motion: FrameInput) -> FrameInput:
@@ -29,6 +35,17 @@ def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput
     return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
 
 
+def _check_chunk(chunk: int) -> None:
+    if chunk < 1:
+        raise ValueError(f"chunk = {chunk} must be 1 or more frames; 32 is a good start.")
+
+
+def _check_states(state: MotionCarry, motions: Sequence[FrameInput]) -> None:
+    states = len(jax.tree.leaves(state)[0])
+    if states != len(motions):
+        raise ValueError(f"{len(motions)} motions but {states} states; give `state` one row a motion.")
+
+
 def rollout_chunks(
     run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
     params: dict,
@@ -39,8 +56,9 @@ def rollout_chunks(
 ) -> Iterator[tuple[int, jax.Array]]:
     """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is from `make_rollout`.
 
-    Raises `ValueError` unless `chunk` divides t (`stack_motions` pads).
+    Raises `ValueError` unless `chunk` is 1 or more and divides t (`stack_motions` pads).
     """
+    _check_chunk(chunk)
     frames = len(x.M)
     if frames % chunk:
         raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
@@ -58,8 +76,12 @@ def rollout_batch(
     *,
     chunk: int,
 ) -> list[np.ndarray]:
-    """Return each motion's garment `[t_i, n, 3]`, metres, root frames; `state` leaves are `[b, ...]`."""
+    """Return each motion's garment `[t_i, n, 3]`, metres, root frames; `state` leaves are `[b, ...]`.
+
+    Raises `ValueError` as `stack_motions` does, and unless there are as many states as motions.
+    """
     x, _ = stack_motions(motions, chunk)
+    _check_states(state, motions)
     V = np.concatenate([np.asarray(v) for _, v in rollout_chunks(run, params, state, x, chunk=chunk)])
     return [V[: len(motion.M), b] for b, motion in enumerate(motions)]
 
@@ -77,7 +99,12 @@ def rollout_many(
 
     One compiled program serves every number of motions: the last group is filled up with copies. Motions of
     like length go together, so little is padded and the order is theirs, longest first. Memory: one group.
+    Raises `ValueError` as `rollout_batch` does, and for lanes below 1.
     """
+    if lanes < 1:
+        raise ValueError(f"lanes = {lanes} must be 1 or more motions side by side.")
+    _check_chunk(chunk)
+    _check_states(state, motions)
     order = sorted(range(len(motions)), key=lambda i: -len(motions[i].M))
     for first in range(0, len(order), lanes):
         group = order[first : first + lanes]

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import zipfile
 import zlib
 from collections.abc import Container, Iterator, Sequence
@@ -19,6 +18,7 @@ from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.motion_input import MotionInput
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Statistics, Template, scene_template
+from garment_jax.rollout.model_folder import FACTS, check_replaceable, written_together
 from garment_jax.structs import Scene
 
 
@@ -91,27 +91,24 @@ def skinned_template(
 
 
 def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
-    """Write `model` into `folder`, each file under a temporary name first; return the folder.
+    """Write `model` into `folder`, all files or none; return the folder.
 
-    Raises `ValueError` for a parameter that 16 bits cannot hold, `OSError` where the disk is full.
+    A model of the same garment there is replaced, and what was measured with it removed. Raises `ValueError`
+    for a parameter that 16 bits cannot hold and for a folder that holds anything else (a run, a model of
+    another garment), `OSError` where the disk is full.
     """
     folder = Path(folder)
+    check_replaceable(folder, model.garment_hash)
     arrays = {name: _stored(name, x, bits) for name, x in _flatten(model.params).items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
-    texts = {"config.toml": to_toml(model.config), "model.json": json.dumps(facts, indent=1)}
-    partial = folder / "parameters.partial.npz"
+    texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts, indent=1)}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
-        os.replace(partial, folder / "parameters.npz")
-        for name, text in texts.items():
-            temporary = folder / f"{name}.partial"
-            temporary.write_text(text + "\n", encoding="utf-8")
-            os.replace(temporary, folder / name)
+        with written_together(folder) as partial:
+            np.savez_compressed(partial / "parameters.npz", **arrays)  # type: ignore[arg-type]
+            for name, text in texts.items():
+                (partial / name).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        for leftover in folder.glob("*.partial*"):
-            leftover.unlink(missing_ok=True)
         raise OSError(
             f"{folder} could not be written ({error.strerror}); free some space or choose another folder."
         ) from error
@@ -158,6 +155,11 @@ def model_facts(folder: str | Path) -> ModelFacts:
 def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     for name in ("config.toml", "model.json", "parameters.npz"):
         if not (folder / name).is_file():
+            if (folder / "checkpoints").is_dir():
+                raise FileNotFoundError(
+                    f"{folder} is a run of train.py and not yet a model; run garment-jax save {folder} --out "
+                    "MODEL first, or read it with garment_jax.training.pipeline.trained_model."
+                )
             raise FileNotFoundError(
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
             )

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from garment_jax.data.content_hash import scene_hash, stored_hash
+from garment_jax.data.content_hash import scene_hash, stored_attribute, stored_hash
+from garment_jax.data.replaceable import COLLIDED
 from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.simulation.progress import FrameProgress
@@ -61,10 +62,11 @@ def simulate_clips(
     """Simulate `jobs` into `out/SPLIT/NAME.h5`; return their outcomes in the jobs' order.
 
     A clip that is there already, of the same content, is kept: an interrupted call goes on where it was.
-    The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. A
-    clip that fails the screening is named, with the reason, and no file is left. `progress` gets a line
-    for every clip; frames are counted on stderr. Raises `ValueError` or `OSError` before anything is
-    simulated for what could not be simulated or written.
+    One that was simulated with other settings, in this garment and body, is made anew; no other file is
+    replaced. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. A clip
+    that fails the screening is named, with the reason, and no file is left. `progress` gets a line for every
+    clip; frames are counted on stderr. Raises `ValueError` or `OSError` before anything is simulated for
+    what could not be simulated or written, and for a file of a clip's name that must not be replaced.
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
     _check_workers(workers)
@@ -72,6 +74,8 @@ def simulate_clips(
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
     keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
+    for path, key in zip(paths, keys, strict=True):
+        _check_replaceable(path, key, scene)
     for job, path, key in zip(jobs, paths, keys, strict=True):
         _take_over(job, path, key, out)
     todo = [i for i in range(len(jobs)) if stored_hash(paths[i]) != keys[i]]
@@ -126,6 +130,21 @@ def _check_jobs(scene: Scene, jobs: Sequence[Job], paths: Sequence[Path], settin
             )
         check_motion(job.motion, scene.body, settings, job.name)
         SequenceWriter(path, scene, job.motion)  # checks when it is made, writes when it is entered
+
+
+def _check_replaceable(path: Path, key: str, scene: Scene) -> None:
+    """Raise `ValueError` where a clip would replace what was not simulated here, or of another garment."""
+    if not os.path.lexists(path) or stored_hash(path) == key:
+        return
+    made = [stored_attribute(path, name) for name in ("kind", "engine", "source", "imported_from", COLLIDED)]
+    if made != ["simulated", ENGINE, None, None, None]:
+        raise ValueError(
+            f"{path} is there and simulate did not make it; choose another --out, or move it away."
+        )
+    if stored_attribute(path, "scene_hash") != scene_hash(scene):
+        raise ValueError(
+            f"{path} is there, a clip of another garment or body; choose another --out, or move it away."
+        )
 
 
 def _take_over(job: Job, path: Path, key: str, out: Path) -> None:

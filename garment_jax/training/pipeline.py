@@ -43,6 +43,10 @@ def train(
         )
     if config.dynamics.steps and config.dynamics.begin_from:
         model_facts(config.dynamics.begin_from)  # a folder without a model is refused now, not hours later
+    if config.dynamics.steps:
+        from garment_jax.dynamics.tables import check_patches
+
+        check_patches(config.dynamics)  # before the run belongs to a configuration that cannot be trained
     last = STAGES.index("dynamics" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])

@@ -11,13 +11,14 @@ import optax
 
 from garment_jax.config import Config, content_hash, to_dict
 from garment_jax.data.content_hash import garment_hash
-from garment_jax.data.prepared import DataSet, prepare
+from garment_jax.data.prepared import DataSet, prepare, training_clips
+from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template, scene_template
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
-from garment_jax.training.run_directory import prepare_run
+from garment_jax.training.run_directory import check_run, prepare_run
 
 
 class Run(NamedTuple):
@@ -47,11 +48,13 @@ def open_run(
     `ValueError` for a folder that belongs to others.
     """
     folder = Path(folder)
+    with open_sequence(training_clips(data_dir, config.data.validation)[0]) as first:
+        facts = {"garment": garment_hash(first.scene.garment), **(more_facts or {})}
+    check_run(folder, config, facts=facts)  # before another run's cache is written into
     data = prepare(data_dir, config, folder / "cache")
     if check is not None:
         check(data)
-    facts = {"garment": garment_hash(data.scene.garment), "data": data.content, **(more_facts or {})}
-    prepare_run(folder, config, facts=facts)
+    prepare_run(folder, config, facts=facts | {"data": data.content})
     template = scene_template(data.scene, data.statistics, config)
     skinned = make_start(template, data.seeds, config.body.tau)
     return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))

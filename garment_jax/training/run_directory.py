@@ -23,18 +23,35 @@ def prepare_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any]
     Keys that do not change what is learnt may differ (see `config.differences`); the newer
     ones are then stored. ValueError says which key differs, both values and the remedy.
     """
-    path = Path(run_dir)
+    path = check_run(run_dir, config, facts=facts)
+    _replace(path / FACTS_NAME, json.dumps(_facts(path) | _plain(facts), indent=1) + "\n")
+    _replace(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
+    return path
+
+
+def check_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any] | None = None) -> Path:
+    """Create the directory, or refuse it as `prepare_run` does with what it holds unchanged; return its path.
+
+    ValueError for a path where no folder can be, too.
+    """
+    path, new = Path(run_dir), _plain(facts)
     if path.exists() and not path.is_dir():
         raise ValueError(f"--run-dir {path} is a file; name a folder.")
-    new: dict[str, Any] = json.loads(json.dumps(dict(facts or {})))
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"--run-dir {path} cannot be made ({error.strerror}); name another folder."
+        ) from error
     if (path / CONFIG_NAME).exists():
         changed = differences(to_dict(run_config(path)), to_dict(config))
         changed += [(k, v, new[k]) for k, v in _facts(path).items() if k in new and new[k] != v]
         _refuse(path, changed)
-    path.mkdir(parents=True, exist_ok=True)
-    _replace(path / FACTS_NAME, json.dumps(_facts(path) | new, indent=1) + "\n")
-    _replace(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
     return path
+
+
+def _plain(facts: Mapping[str, Any] | None) -> dict[str, Any]:
+    return json.loads(json.dumps(dict(facts or {})))
 
 
 def run_config(run_dir: str | Path) -> Config:

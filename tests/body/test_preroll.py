@@ -52,6 +52,8 @@ def test_the_motion_follows_untouched():
     np.testing.assert_array_equal(none.rotations, MOTION.rotations)
 
 
-def test_a_negative_length_is_refused():
+def test_a_negative_or_an_endless_length_is_refused():
+    with pytest.raises(ValueError, match="--preroll 1000000000000 is hours of motion; give 100000 frames"):
+        with_preroll(MOTION, 10**12)
     with pytest.raises(ValueError, match="--preroll -1 is negative; give the number of frames"):
         preroll_motion(MOTION, -1)

@@ -257,7 +257,8 @@ def other_skeleton(folder: Path) -> dict:
         (lambda _: {"eps": -0.001}, "--eps -1 mm is out of range; give 0 to 100 millimetres, such as 4"),
         (lambda _: {"eps": 4.0}, "--eps 4000 mm is out of range"),
         (lambda _: {"eps": float("nan")}, "--eps nan mm is out of range"),
-        (lambda _: {"iterations": -1}, "--iterations -1 is negative"),
+        (lambda _: {"iterations": -1}, "--iterations -1 is out of range; give the gradient steps"),
+        (lambda _: {"iterations": 9_999_999_999}, "--iterations 9999999999 is out of range"),
     ],
 )
 def test_refusals_leave_nothing_behind(tmp_path, thin, change, sentence):
@@ -272,6 +273,21 @@ def test_what_is_read_is_not_overwritten(tmp_path, thin, same):
     words = {"path": thin, "out": tmp_path / "." / "x.h5", same: tmp_path / "x.h5"}
     with pytest.raises(ValueError, match=r"x.h5 is what is read, .*; write to another file"):
         collide_file(**words)
+
+
+def test_a_simulation_is_not_overwritten_and_an_earlier_run_is(tmp_path, thin, monkeypatch):
+    simulated = tmp_path / "simulated.h5"
+    with SequenceWriter(simulated, SCENE, MOTION) as writer:
+        writer.append(make_vertices(SCENE, MOTION))
+    before = simulated.read_bytes()
+    with pytest.raises(
+        ValueError, match=r"simulated\.h5 is there and neither infer\.py nor collide wrote it"
+    ):
+        collide_file(thin, simulated)
+    assert simulated.read_bytes() == before
+    for given in (thin, simulated):  # what comes of either may be made again
+        for _ in range(2):
+            collide_file(given, tmp_path / "out.h5", iterations=1)
 
 
 def test_the_summary_names_the_frames_with_a_limb_through_the_cloth():

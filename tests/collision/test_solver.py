@@ -16,6 +16,7 @@ from garment_jax.collision import (
     make_collision_tables,
     resolve_collisions,
 )
+from garment_jax.collision.solver import check_pins
 from garment_jax.data.packed_clip import decode_steps, find_assets, read_scene
 from garment_jax.evaluation.penetration import (
     closed_surface,
@@ -56,6 +57,18 @@ def pierced() -> np.ndarray:
     V, _ = sheet(0.16)
     V[:, 1] += 0.01 * np.sin(20 * V[:, 0]) * np.cos(25 * V[:, 2])
     return V
+
+
+def test_pins_and_their_positions_come_together(pierced):
+    made, body, _ = tables()
+    V, C = jnp.asarray(pierced), jnp.asarray(body)
+    call = partial(resolve_collisions, V, C, initial_state(V, C, made.surface), tables=made)
+    with pytest.raises(ValueError, match="pins came without pin_positions; give both"):
+        call(pins=PINS)
+    with pytest.raises(ValueError, match="pin_positions came without pins; give both"):
+        call(pin_positions=V[PINS])
+    with pytest.raises(ValueError, match=r"pin_positions is \[3, 3\] for 4 pins; give \[4, 3\]"):
+        check_pins(PINS, V[PINS[:3]])  # the shape checks of these tests would come first
 
 
 def test_a_sheet_leaves_the_body_to_the_last_vertex(pierced):

@@ -166,10 +166,22 @@ def test_a_folder_is_refused_before_anything_is_written(tmp_path, scene, motion)
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("name", "sentence"), [(".", "is a folder"), (f"{'c' * 241}", "is a name of 241 bytes, more than 240")]
+)
+def test_a_name_that_no_file_can_have_is_refused(scene, motion, name, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        SequenceWriter(name, scene, motion)
+
+
+def test_the_longest_name_can_be_written(tmp_path):
+    assert write_clip(tmp_path / f"{'c' * 237}.h5", 2).is_file()
+
+
 def test_folder_that_is_a_file_is_refused(tmp_path, scene, motion):
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(OSError, match="could not be written"),
+        pytest.raises(OSError, match=r"could not be written \(.*\); choose another folder"),
         SequenceWriter(tmp_path / "file/c.h5", scene, motion),
     ):
         pass

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from garment_jax.data.sequence import open_sequence
-from garment_jax.data.validation import check_clip, check_input, check_same_garment
+from garment_jax.data.validation import check_clip, check_input, check_motion, check_same_garment
 from garment_jax.structs import Motion, Scene
 from tests.reference.scene import make_motion, make_scene, make_vertices, write_clip
 
@@ -109,6 +109,20 @@ def test_broken_rotations_are_refused_with_their_frame(tmp_path, scene):
     with h5py.File(path, "r+") as file:
         file["rotations"][...] = motion.rotations * np.array([1, 1, -1], np.float32)
     refuse(path, "are no rotation matrices")
+
+
+def test_a_mirrored_rotation_is_named_by_its_frame_and_joint(tmp_path, scene):
+    motion = make_motion(scene, 12)
+    rotations = motion.rotations.copy()
+    rotations[9, 3] = rotations[9, 3] @ np.diag([1, 1, -1]).astype(np.float32)
+    path, name = tmp_path / "clip.h5", scene.body.joint_names[3]
+    write_clip(path, motion=motion)
+    with h5py.File(path, "r+") as file:
+        file["rotations"][...] = rotations
+    refuse(path, rf"rotations of frame 9 are no rotation matrices \({name}\); export them again")
+    rotations[4, 1] = np.nan
+    with pytest.raises(ValueError, match=r"rotations of frame 4 are no rotation matrices \(joint 1\)"):
+        check_motion(motion._replace(rotations=rotations), "a motion")
 
 
 def test_missing_joints_are_named(tmp_path, scene):

@@ -49,12 +49,36 @@ def test_one_clip_gives_one_row(pair, tmp_path):
         ({"frames": 0}, "frames=0"),
         ({"height": 5}, "height=5"),
         ({"seconds": 0.0}, "seconds=0"),
+        ({"seconds": float("nan")}, "seconds=nan must be above 0 and finite"),
         ({"scale_cm": -1.0}, "scale_cm=-1"),
+        ({"scale_cm": float("inf")}, "scale_cm=inf must be above 0 and finite"),
+        ({"azimuth": float("nan")}, "azimuth=nan must be an angle"),
+        ({"azimuth": float("-inf")}, "azimuth=-inf must be an angle"),
     ],
 )
 def test_settings_out_of_range_are_refused(pair, tmp_path, options, words):
     with pytest.raises(ValueError, match=words):
         render_files(pair, tmp_path, **options)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_by_name(pair, tmp_path):
+    file = tmp_path / "demo.obj"
+    file.write_text("v 0 0 0")
+    with pytest.raises(ValueError, match=r"--out .*demo.obj is a file; pictures fill a folder"):
+        render_files(pair, file)
+    assert file.read_text() == "v 0 0 0"
+    with pytest.raises(OSError, match=r"--out .*y cannot be made \(Not a directory\); name another folder"):
+        render_files(pair, file / "y")
+
+
+def test_progress_counts_the_frames_of_sheets_and_film(pair, tmp_path, monkeypatch):
+    monkeypatch.setattr(render, "FILM_HEIGHT", 48)
+    told: list[tuple[int, int]] = []
+    render_files(
+        pair, tmp_path, frames=2, animation=True, side_view=True, height=48, seconds=0.2,
+        progress=lambda done, total: told.append((done, total)),
+    )  # fmt: skip
+    assert told == [(k, 7) for k in range(1, 8)]  # 2 x 2 in the sheets, 3 in the film
 
 
 def test_other_numbers_of_files_and_strange_pairs_are_refused(pair, tmp_path):

@@ -30,6 +30,14 @@ def test_shapes(config, batch):
     assert [leaf.shape for leaf in decoded] == [(*batch, n, 3)] * 3
 
 
+def test_another_number_of_vertices_is_refused():
+    model = small_model()
+    with pytest.raises(ValueError, match=r"V is \[3, 50, 3\] and the template has 60 vertices; give V as"):
+        encode(model.params, jnp.asarray(model.V[:3, :50]), template=model.template, config=GENERATIVE)
+    with pytest.raises(ValueError, match=r"V is \[1, 3\] and the template has 60 vertices"):
+        position_map(jnp.zeros((1, 3)), model.template)
+
+
 def test_rank_0_leaves_the_last_layer_whole_and_a_rank_factors_it():
     model = small_model()
     shapes = jax.eval_shape(lambda k: init_generative(k, model.template, config=PLAIN), jax.random.key(0))

@@ -60,10 +60,16 @@ def test_a_full_disk_leaves_no_part_of_a_model(tmp_path: Path, monkeypatch: pyte
 def test_a_folder_without_a_model_is_refused(tmp_path: Path):
     with pytest.raises(FileNotFoundError, match=r"holds no config\.toml; name a run of train\.py or a model"):
         load_model(tmp_path)
-    save_model(tiny_model(), tmp_path)
-    (tmp_path / "parameters.npz").unlink()
+    (tmp_path / "run" / "checkpoints").mkdir(parents=True)
+    (tmp_path / "run" / "config.toml").touch()
+    with pytest.raises(
+        FileNotFoundError, match=r"run is a run of train\.py .*; run garment-jax save .* first"
+    ):
+        load_model(tmp_path / "run")
+    model = save_model(tiny_model(), tmp_path / "model")
+    (model / "parameters.npz").unlink()
     with pytest.raises(FileNotFoundError, match=r"holds no parameters\.npz"):
-        load_model(tmp_path)
+        load_model(model)
 
 
 def shorten(path: Path) -> None:

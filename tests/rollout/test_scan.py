@@ -10,7 +10,7 @@ import pytest
 
 from garment_jax.data.motion_input import MotionInput
 from garment_jax.motion.network import MotionCarry
-from garment_jax.rollout.clips import rollout_batch, rollout_chunks, stack_motions
+from garment_jax.rollout.clips import rollout_batch, rollout_chunks, rollout_many, stack_motions
 from garment_jax.rollout.scan import BLOCK, in_blocks, make_rollout, rollout
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput
@@ -85,6 +85,25 @@ def test_a_chunk_that_does_not_divide_is_refused(motion: MotionInput, run):
     pieces = rollout_chunks(run, {}, alone(first_state(motion)), motion.x, chunk=30)
     with pytest.raises(ValueError, match="chunk = 30 does not divide 100 frames; pad the motion first"):
         next(pieces)
+
+
+def test_batches_that_cannot_be_rolled_out_are_refused(motion: MotionInput, run):
+    state, two = first_state(motion, motion), [motion.x, motion.x]
+    with pytest.raises(ValueError, match="motions is empty; give at least one motion"):
+        rollout_batch(run, {}, state, [], chunk=8)
+    for chunk in (0, -4):
+        with pytest.raises(ValueError, match=f"chunk = {chunk} must be 1 or more frames"):
+            rollout_batch(run, {}, state, two, chunk=chunk)
+        with pytest.raises(ValueError, match=f"chunk = {chunk} must be 1 or more frames"):
+            next(rollout_chunks(run, {}, state, motion.x, chunk=chunk))
+    with pytest.raises(ValueError, match="3 motions but 2 states; give `state` one row a motion"):
+        rollout_batch(run, {}, state, [*two, motion.x], chunk=8)
+    with pytest.raises(ValueError, match="motion 1 has 0 frames; leave it out"):
+        rollout_batch(run, {}, state, [motion.x, frame_of(motion.x, slice(0, 0))], chunk=8)
+    with pytest.raises(ValueError, match="lanes = 0 must be 1 or more"):
+        next(rollout_many(run, {}, state, two, chunk=8, lanes=0))
+    with pytest.raises(ValueError, match="1 motions but 2 states"):
+        next(rollout_many(run, {}, state, two[:1], chunk=8, lanes=2))
 
 
 def test_a_batch_equals_one_by_one(motion: MotionInput, run, whole):

@@ -8,7 +8,7 @@ import pytest
 
 from garment_jax.data.sequence import open_sequence
 from garment_jax.simulation import progress
-from garment_jax.simulation.clips import Job, content_key, simulate_clips
+from garment_jax.simulation.clips import ENGINE, Job, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Scene
@@ -62,6 +62,50 @@ def test_a_clip_that_fails_leaves_none_of_other_settings(tmp_path: Path, scene, 
     strict, other = replace(LOOSE, strain_p99_percent=1e-6), replace(SETTINGS, substeps=5)
     simulate_clips(scene, jobs[:1], tmp_path, other, limits=strict, progress=lambda _: None)
     assert not kept.path.exists()
+
+
+MADE = {"engine": ENGINE, "content_hash": "of other settings"}
+
+
+@pytest.mark.parametrize(
+    ("attributes", "other_garment", "sentence"),
+    [
+        ({}, False, " and simulate did not make it"),
+        ({"imported_from": "walk.abc", "content_hash": "0"}, False, " and simulate did not make it"),
+        (MADE | {"source": "walk.bvh"}, False, " and simulate did not make it"),
+        (MADE | {"kind": "predicted"}, False, " and simulate did not make it"),
+        (MADE | {"collision_eps_m": 0.004}, False, " and simulate did not make it"),
+        (None, False, " and simulate did not make it"),
+        (MADE, True, ", a clip of another garment or body"),
+    ],
+)
+def test_what_simulate_did_not_make_of_this_garment_is_never_replaced(
+    tmp_path: Path, scene, jobs, monkeypatch, attributes, other_garment, sentence
+):
+    pytest.importorskip("newton")
+    monkeypatch.setattr("garment_jax.simulation.newton_cloth.drape", no_drape)
+    (tmp_path / "test").mkdir()
+    path = tmp_path / "test/two.h5"
+    if attributes is None:
+        path.write_text("no HDF5 file")
+    else:
+        write_clip(path, 4, scene=make_scene(7, 16) if other_garment else scene, attributes=attributes)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=rf"two\.h5 is there{sentence}; choose another --out, or move it"):
+        simulate_clips(scene, jobs, tmp_path, SETTINGS, progress=lambda _: None)
+    assert path.read_bytes() == before
+
+
+def test_a_clip_that_moves_replaces_no_import(tmp_path: Path, scene, jobs):
+    motion, key = jobs[0].motion, content_key(scene, jobs[0].motion, SETTINGS, None)
+    for split, attributes in (("train", {"content_hash": key}), ("test", {"imported_from": "walk.abc"})):
+        (tmp_path / split).mkdir()
+        write_clip(tmp_path / split / "one.h5", scene=scene, motion=motion, attributes=attributes)
+    before = (tmp_path / "test/one.h5").read_bytes()
+    with pytest.raises(ValueError, match=r"test/one\.h5 is there and simulate did not make it"):
+        simulate_clips(scene, [jobs[0]._replace(split="test")], tmp_path, SETTINGS)
+    assert (tmp_path / "test/one.h5").read_bytes() == before
+    assert (tmp_path / "train/one.h5").exists()
 
 
 def test_a_clip_moves_to_those_that_are_tested_on_and_is_never_in_both(tmp_path: Path, scene, jobs):

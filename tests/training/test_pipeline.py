@@ -149,6 +149,10 @@ def test_local_dynamics_begin_from_a_saved_model(
     with pytest.raises(FileNotFoundError, match=r"nowhere holds no config\.toml"):
         train(nowhere, tmp_path / "none", data_dir=data_dir)
     assert not (tmp_path / "none").exists()
+    odd = replace(config, dynamics=replace(DYNAMICS, patch=3))
+    with pytest.raises(ValueError, match="patches of 3 texels do not tile"):
+        train(odd, tmp_path / "odd", data_dir=data_dir)
+    assert not (tmp_path / "odd").exists()
     codes = save_model(tiny_model(), tmp_path / "codes")
     without = replace(config, dynamics=replace(DYNAMICS, begin_from=str(codes)))
     with pytest.raises(ValueError, match="has no local dynamics"):

@@ -59,6 +59,18 @@ def test_another_configuration_garment_or_data_set_is_refused(tmp_path: Path):
         open_(tmp_path)
 
 
+def test_a_run_of_another_garment_is_refused_with_its_cache_as_it_was(tmp_path: Path, capsys):
+    write(tmp_path, "waltz")
+    open_(tmp_path)
+    garment = SCENE.garment._replace(template=1.01 * SCENE.garment.template)
+    write(tmp_path / "other", "jive", scene=SCENE._replace(garment=garment))
+    before, _ = sorted((tmp_path / "run" / "cache").iterdir()), capsys.readouterr()
+    with pytest.raises(ValueError, match=r"belongs to another run \(garment = '.*', not '.*'\)"):
+        open_run(ALONE, tmp_path / "run", data_dir=tmp_path / "other")
+    assert "prepare" not in capsys.readouterr().err
+    assert sorted((tmp_path / "run" / "cache").iterdir()) == before
+
+
 def spoil(path: Path, frame: int, vertex: int, value: float) -> None:
     with h5py.File(path, "r+") as file:
         file["vertices"][frame, vertex, 1] = value

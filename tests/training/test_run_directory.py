@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.config import Config, apply_overrides
-from garment_jax.training.run_directory import prepare_run, run_config
+from garment_jax.training.run_directory import check_run, prepare_run, run_config
 
 
 def test_the_configuration_is_stored_and_read_back(tmp_path: Path) -> None:
@@ -59,3 +59,18 @@ def test_a_file_or_an_empty_folder_is_no_run(tmp_path: Path) -> None:
         prepare_run(tmp_path / "file", Config())
     with pytest.raises(FileNotFoundError, match=r"holds no config\.toml"):
         run_config(tmp_path)
+    with pytest.raises(ValueError, match=r"--run-dir .*run cannot be made \(Not a directory\); name another"):
+        prepare_run(tmp_path / "file" / "run", Config())
+
+
+def test_a_run_that_is_only_checked_stays_as_it_is(tmp_path: Path) -> None:
+    check_run(tmp_path, Config(), facts={"garment": "a1"})
+    assert not list(tmp_path.iterdir())
+    prepare_run(tmp_path, Config(), facts={"garment": "a1"})
+    stored = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    check_run(
+        tmp_path, apply_overrides(Config(), ["--rollout.chunk", "10"]), facts={"garment": "a1", "data": "c3"}
+    )
+    with pytest.raises(ValueError, match="garment = 'a1', not 'b2'"):
+        check_run(tmp_path, Config(), facts={"garment": "b2"})
+    assert stored == {file.name: file.read_bytes() for file in tmp_path.iterdir()}

@@ -1,0 +1,43 @@
+"""Which names a sequence file may be written to, and what it may replace: no work of other commands."""
+
+import os
+from pathlib import Path
+
+from garment_jax.data.content_hash import stored_attribute
+
+LONGEST_NAME = 255  # bytes that file systems take
+_TEMPORARY = 15  # bytes, at most, that the name under which a file is built has more
+COLLIDED = "collision_eps_m"  # attribute of what `collide` wrote, whatever the kind of what it read
+
+
+def check_name(path: Path) -> None:
+    """Raise `ValueError` for a path without a file's name, such as `.`, or with one that is too long."""
+    if path.name in ("", ".."):
+        raise ValueError(f"{path} is a folder; name a sequence file (.h5).")
+    for part in path.parts:
+        size = len(os.fsencode(part))
+        longest = LONGEST_NAME - _TEMPORARY if part == path.name else LONGEST_NAME
+        if size > longest:
+            raise ValueError(
+                f"{part[:24]}… is a name of {size} bytes, more than {longest}; give a shorter one."
+            )
+
+
+def check_prediction_out(out: Path) -> None:
+    """Check where a prediction, or a sequence out of the body, is to be written.
+
+    Raises `ValueError` for a name that no sequence file can have, and where there is what was neither
+    predicted nor written by `collide`: it may be the garment's source, or a simulation.
+    """
+    check_name(out)
+    if os.path.isdir(out):  # unlike Path's own, these two take a path too long for one that is not there
+        raise ValueError(f"--out {out} is a folder; name a sequence file (.h5).")
+    if out.suffix != ".h5":
+        raise ValueError(f"--out {out} does not end in .h5; name a sequence file, such as {out.name}.h5.")
+    if not os.path.exists(out):
+        return
+    if stored_attribute(out, "kind") != "predicted" and stored_attribute(out, COLLIDED) is None:
+        raise ValueError(
+            f"--out {out} is there and neither infer.py nor collide wrote it; name another --out, or move it "
+            "away."
+        )
