@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from garment_jax.cli.xla_messages import hush_xla
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
@@ -23,13 +25,20 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    hush_xla()
     from garment_jax.collision.command import collide_file, summary
+    from garment_jax.programs import warm_start
 
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}
     settings |= {"limbs": False} if options.no_limbs else {}
     report = collide_file(
-        options.sequence, options.out, body=options.body, whole_body=options.whole_body, **settings
+        options.sequence,
+        options.out,
+        body=options.body,
+        whole_body=options.whole_body,
+        store=warm_start().store,
+        **settings,
     )
     first, *further = summary(report)
     print("\n".join([f"{options.out}: {first}", *further]))

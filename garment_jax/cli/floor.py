@@ -24,26 +24,41 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     import numpy as np
 
+    from garment_jax.data.replaceable import RESTARTED, check_floor_out
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
+    from garment_jax.data.validation import check_simulated
+    from garment_jax.simulation.clips import ENGINE
     from garment_jax.simulation.command import check_same_cloth, cloth_settings, read_pattern
     from garment_jax.simulation.floor import floor_of, summary
 
     if options.out is not None and len(options.clips) > 1:
         raise ValueError(f"--out {options.out} holds one clip, and {len(options.clips)} are given; name one.")
-    if options.out is not None and options.out.resolve() == options.clips[0].resolve():
-        raise ValueError(f"--out {options.out} is the clip itself; write to another file.")
+    if options.out is not None:
+        if options.out.resolve() == options.clips[0].resolve():
+            raise ValueError(f"--out {options.out} is the clip itself; write to another file.")
+        check_floor_out(options.out)
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
     found = []
     for path in options.clips:
         with open_sequence(path) as clip:
+            check_simulated(clip)
             check_same_cloth(clip, settings)
             floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
             if options.out is not None:
                 far = np.abs(floor.V - floor.motion.root[:, None]).max() > INT16_REACH
                 encoding = "float32" if far else "int16"
-                with SequenceWriter(options.out, clip.scene, floor.motion, encoding=encoding) as writer:
+                attributes = {
+                    "kind": "simulated",
+                    "name": clip.name,
+                    "engine": ENGINE,
+                    "settings": settings.describe(),
+                    RESTARTED: options.start,
+                }
+                with SequenceWriter(
+                    options.out, clip.scene, floor.motion, encoding=encoding, attributes=attributes
+                ) as writer:
                     writer.append(floor.V)
         figures = summary(floor)
         found.append(figures | {"rmse_cm_per_frame": [round(float(e), 4) for e in floor.rmse_cm]})

@@ -1,24 +1,18 @@
 """The work of `infer.py`: plan the scene, choose what fits the budget, read what is needed, animate."""
 
-import os
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+from garment_jax.cli.xla_messages import hush_xla
 
 if TYPE_CHECKING:
+    from garment_jax.programs import Here
     from garment_jax.rollout.model import Model, ModelFacts
     from garment_jax.rollout.plan import ScenePlan
-    from garment_jax.rollout.programs import ProgramStore
     from garment_jax.rollout.variants import Measured
     from garment_jax.structs import Motion, Scene
-
-
-class Here(NamedTuple):
-    """What is known on this machine: the cache's folder (None: none) and the programs in it."""
-
-    folder: Path | None
-    store: "ProgramStore"
 
 
 def infer(
@@ -36,11 +30,10 @@ def infer(
     lod: float | None = None,
 ) -> Iterator[str]:
     """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
-    # With AVX-512 XLA takes each program from a cache for one made on another machine (jax issue 38445) and
-    # says so at length; ours are kept by processor. Read when jaxlib is loaded, so before anything else.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    hush_xla()
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.validation import check_input
+    from garment_jax.programs import warm_start
     from garment_jax.rollout.plan import make_plan
 
     here = warm_start()
@@ -86,36 +79,6 @@ def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
     from garment_jax.rollout.model import without_dynamics
 
     return model if plan.dynamics else without_dynamics(model)
-
-
-def warm_start() -> Here:
-    """Switch on the caches of compiled programs, unless `GARMENT_JAX_CACHE` is "off" or none can be kept."""
-    import importlib.util
-    import warnings
-
-    import jax
-
-    from garment_jax.rollout.programs import ProgramStore, cache_folder, surroundings, usable
-
-    folder, setting = usable(cache_folder()), "jax_compilation_cache_dir"
-    if folder is not None and getattr(jax.config, setting) is None:  # the user's own choice stays
-        # one for each version of the sources: what XLA's cache hands out could not be kept as a program
-        jax.config.update(setting, str(folder / f"xla-{surroundings()[:12]}"))
-        _only_newest(folder, "xla-*", 2)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        if importlib.util.find_spec("filelock"):  # without it JAX cannot throw old entries away
-            jax.config.update("jax_compilation_cache_max_size", 200_000_000)  # bytes
-        # a disk that fills up while we run: JAX only warns, and the user need not read it
-        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
-    return Here(folder, ProgramStore(folder and folder / "programs"))
-
-
-def _only_newest(folder: Path, pattern: str, kept: int) -> None:
-    """Remove all but the newest folders of a pattern: those of older versions."""
-    import shutil
-
-    for old in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)[:-kept]:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 def _facts(path: str):
@@ -164,7 +127,7 @@ def _within(
     scene: "Scene",
     motion: "Motion",
     plan: "ScenePlan",
-    here: Here,
+    here: "Here",
 ):
     """Return the name, the plan and the model of the most accurate variant that fits, and a line on it."""
     from garment_jax.rollout.calibration import frame_times
@@ -206,7 +169,7 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
 
 
 def _explained(
-    model: "Model", scene: "Scene", motion: "Motion", plan: "ScenePlan", name: str, here: Here
+    model: "Model", scene: "Scene", motion: "Motion", plan: "ScenePlan", name: str, here: "Here"
 ) -> list[str]:
     """Return the plan's lines, with times measured on this machine."""
     from garment_jax.rollout.calibration import frame_times

@@ -12,24 +12,18 @@ import numpy as np
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root, heading, to_root
+from garment_jax.collision.chunks import make_chunk_resolver
 from garment_jax.collision.result import MESSAGES, Outcome
-from garment_jax.collision.sequence import (
-    FrameFigures,
-    first_carry,
-    join_figures,
-    make_resolver,
-    per_frame_columns,
-)
-from garment_jax.collision.sides import make_side_tables
+from garment_jax.collision.sequence import FrameFigures, join_figures, per_frame_columns
 from garment_jax.collision.solid import Solid, solid_for
 from garment_jax.collision.solver import CollisionOptions
-from garment_jax.collision.tables import make_collider_tables, make_collision_tables
 from garment_jax.config import CollisionConfig
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.replaceable import COLLIDED, check_prediction_out
 from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
 from garment_jax.data.validation import check_input
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.programs import ProgramStore
 
 WINDOW = 64  # frames in memory at a time, and in one compiled piece
 LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
@@ -53,6 +47,7 @@ def collide_file(
     eps: float = CollisionConfig.eps,
     iterations: int = CollisionConfig.iterations,
     limbs: bool = CollisionConfig.limbs,
+    store: ProgramStore | None = None,
 ) -> Report:
     """Resolve the collisions of the sequence file `path`, write the sequence file `out`, report.
 
@@ -61,8 +56,8 @@ def collide_file(
     body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
     `limbs` what a limb has passed through is put back on its side first (`collision/sides.py`). Pinned
     vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
-    `extra/collision_...` are added. Raises `ValueError` or `OSError` in one sentence; so for an `out` that is
-    there and neither predicted nor written here.
+    `extra/collision_...` are added. `store` keeps the compiled program between runs. Raises `ValueError` or
+    `OSError` in one sentence; so for an `out` that is there and neither predicted nor written here.
     """
     _check_settings(eps, iterations)
     _check_paths(Path(path), Path(out), body)
@@ -81,8 +76,9 @@ def collide_file(
             attributes=sequence.attributes | {COLLIDED: eps},
         )
         pieces: list[FrameFigures] = []
+        print(f"{sequence.name}: compiling", end="", file=sys.stderr, flush=True)
         with writer:
-            for start, V, piece in _resolved(sequence, solid, options, limbs):
+            for start, V, piece in _resolved(sequence, solid, options, limbs, store):
                 writer.append(V)
                 pieces.append(piece)
                 _show(sequence, start + len(V), began)
@@ -146,31 +142,37 @@ def _kept_columns(sequence: Sequence) -> dict[str, np.ndarray]:
 
 
 def _resolved(
-    sequence: Sequence, solid: Solid, options: CollisionOptions, limbs: bool
+    sequence: Sequence,
+    solid: Solid,
+    options: CollisionOptions,
+    limbs: bool,
+    store: ProgramStore | None,
 ) -> Iterator[tuple[int, np.ndarray, FrameFigures]]:
     """Yield `(start, V [k, n, 3] world metres, figures)` by windows, each after the last one's contacts."""
     scene, motion = solid.scene._replace(pins=None, collider=solid.collider), solid.motion
     garment, pins = sequence.scene.garment, sequence.scene.pins
-    surface = make_collider_tables(solid.collider, scene.body)
-    table = uniform_table(garment.faces, len(garment.template))
-    tables = make_collision_tables(garment.template, table, surface)
     held = np.zeros(0, np.int32) if pins is None else pins.vertices
     bones = limbs_of(scene.body, solid.collider) if limbs else None
-    sides = bones and make_side_tables(garment.template, garment.faces, bones, table)
-    resolve = make_resolver(tables, pins=held, options=options, sides=sides)
+    resolve = make_chunk_resolver(
+        garment,
+        uniform_table(garment.faces, len(garment.template)),
+        solid.collider,
+        scene.body,
+        chunk=WINDOW,
+        pins=held,
+        limbs=bones,
+        options=options,
+        programs=store,
+    )()
     carried = carried_points(scene, collider=True, limbs=bones)
-    size, carry = min(WINDOW, sequence.frames), None
-    for start, world in sequence.windows(size):
+    for start, world in sequence.windows(min(WINDOW, sequence.frames)):
         count = len(world)
         frames = slice(start, start + count)
         _check_finite(world, start, sequence.name)
         root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
         V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
-        posed = pose_carried(carried, scene, motion, frames)
-        filled, solids, ends = (jnp.asarray(repeated_last(x, size)) for x in (V, posed.collider, posed.bones))
-        if carry is None:
-            carry = first_carry(filled[0], solids[0], tables, ends[0] if sides else None)
-        carry, resolved, figures = resolve(carry, filled, filled[:, held], solids, ends)
+        posed = pose_carried(carried, scene, motion, frames)._replace(pins=V[:, held])
+        resolved, figures = resolve(jnp.asarray(repeated_last(V, WINDOW)), posed)
         moved = np.asarray(resolved)[:count]
         placed = from_root(moved.astype(np.float64), root, yaw).astype(np.float32)
         # What did not move keeps its digits: turning there and back would change the last one.

@@ -7,6 +7,7 @@ from garment_jax.data.content_hash import stored_attribute
 
 LONGEST_NAME = 255  # bytes that file systems take
 _TEMPORARY = 15  # bytes, at most, that the name under which a file is built has more
+RESTARTED = "restarted_at_frame"  # attribute of what `floor` wrote
 COLLIDED = "collision_eps_m"  # attribute of what `collide` wrote, whatever the kind of what it read
 
 
@@ -29,11 +30,7 @@ def check_prediction_out(out: Path) -> None:
     Raises `ValueError` for a name that no sequence file can have, and where there is what was neither
     predicted nor written by `collide`: it may be the garment's source, or a simulation.
     """
-    check_name(out)
-    if os.path.isdir(out):  # unlike Path's own, these two take a path too long for one that is not there
-        raise ValueError(f"--out {out} is a folder; name a sequence file (.h5).")
-    if out.suffix != ".h5":
-        raise ValueError(f"--out {out} does not end in .h5; name a sequence file, such as {out.name}.h5.")
+    check_sequence_name(out)
     if not os.path.exists(out):
         return
     if stored_attribute(out, "kind") != "predicted" and stored_attribute(out, COLLIDED) is None:
@@ -41,3 +38,21 @@ def check_prediction_out(out: Path) -> None:
             f"--out {out} is there and neither infer.py nor collide wrote it; name another --out, or move it "
             "away."
         )
+
+
+def check_floor_out(out: Path) -> None:
+    """Raise `ValueError` where a second simulation would replace what `floor` did not write."""
+    check_sequence_name(out)
+    if os.path.exists(out) and stored_attribute(out, RESTARTED) is None:
+        raise ValueError(
+            f"--out {out} is there and floor did not write it; name another --out, or move it away."
+        )
+
+
+def check_sequence_name(out: Path) -> None:
+    """Raise `ValueError` for an `--out` that no sequence file can have."""
+    check_name(out)
+    if os.path.isdir(out):  # unlike Path's own, this takes a path too long for one that is not there
+        raise ValueError(f"--out {out} is a folder; name a sequence file (.h5).")
+    if out.suffix != ".h5":
+        raise ValueError(f"--out {out} does not end in .h5; name a sequence file, such as {out.name}.h5.")

@@ -34,6 +34,7 @@ def check_clip(sequence: Sequence, *, joints: Iterable[str] = (), window: int = 
 
     Raises ValueError naming the clip, and the frame where there is one.
     """
+    check_simulated(sequence)
     check_input(sequence, joints=joints)
     check_moves(sequence.motion, f"clip {sequence.name}")
     extent = measure_extent(sequence, window=window)
@@ -49,6 +50,15 @@ def check_clip(sequence: Sequence, *, joints: Iterable[str] = (), window: int = 
             "export it again with its animation."
         )
     return extent
+
+
+def check_simulated(sequence: Sequence) -> None:
+    """Raise ValueError if the file says that its garment was predicted: that is nothing to learn from."""
+    if sequence.attributes.get("kind") == "predicted":
+        raise ValueError(
+            f"{sequence.path} is predicted, not simulated; give the clip that it was predicted for, or leave "
+            "it out."
+        )
 
 
 def check_input(sequence: Sequence, *, joints: Iterable[str] = ()) -> None:

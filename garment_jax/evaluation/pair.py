@@ -10,6 +10,7 @@ ROTATION_TOLERANCE = 1e-3  # entries of a rotation matrix, about 0.06 degrees
 
 def check_pair(pred: Sequence, truth: Sequence) -> None:
     """Raise `ValueError` naming the first thing in which `pred` and `truth` differ."""
+    check_order(pred, truth)
     check_garment(pred, truth)
     if pred.frames != truth.frames:
         raise ValueError(
@@ -22,6 +23,16 @@ def check_pair(pred: Sequence, truth: Sequence) -> None:
             "resample one of them to the other's rate."
         )
     check_motion(pred, truth, truth.frames)
+
+
+def check_order(pred: Sequence, truth: Sequence) -> None:
+    """Raise `ValueError` where the files say that they are given the wrong way round."""
+    kinds = [clip.attributes.get("kind") for clip in (pred, truth)]
+    if kinds == ["simulated", "predicted"]:
+        raise ValueError(
+            f"{pred.path} is simulated and {truth.path} is predicted; give the prediction first, then the "
+            "truth."
+        )
 
 
 def check_garment(pred: Sequence, truth: Sequence) -> None:

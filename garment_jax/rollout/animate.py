@@ -19,10 +19,10 @@ from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
 from garment_jax.data.validation import check_input
+from garment_jax.programs import ProgramStore
 from garment_jax.rollout.finish import Chunk, make_finisher
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
-from garment_jax.rollout.programs import ProgramStore
 from garment_jax.rollout.rollers import make_roller
 from garment_jax.structs import Motion, Scene
 
@@ -92,13 +92,17 @@ def make_animator(
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
-        skip = preroll
-        for piece in finish(whole, inputs.root, inputs.yaw)(roll(whole, inputs, V_start)):
-            if skip < len(piece.V):
-                yield jax.tree.map(itemgetter(slice(skip, None)), piece)
-            skip = max(skip - len(piece.V), 0)
+        pieces = finish(whole, inputs.root, inputs.yaw)(roll(whole, inputs, V_start))
+        return _without_first(pieces, preroll)
 
     return run
+
+
+def _without_first(pieces: Iterator[Chunk], skip: int) -> Iterator[Chunk]:
+    for piece in pieces:
+        if skip < len(piece.V):
+            yield jax.tree.map(itemgetter(slice(skip, None)), piece)
+        skip = max(skip - len(piece.V), 0)
 
 
 def _digits(statistics: Any) -> str:
@@ -155,6 +159,8 @@ def animate_file(
         name=name,
     )
     pieces = run(motion, preroll=preroll, name=name)
+    before = f", {preroll} frames before" if preroll else ""
+    print(f"{name}: compiling{before}", end="", file=sys.stderr, flush=True)
     with SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes) as writer:
         for piece in pieces:
             writer.append(piece.V)
@@ -166,9 +172,9 @@ def animate_file(
             print(line, end="", file=sys.stderr, flush=True)
         writer.add_per_frame("outside_training_range", outside)
         if figures and sum(len(f.outcome) for f in figures) == frames:
-            from garment_jax.rollout.resolve import collision_columns
+            from garment_jax.collision.sequence import join_figures, per_frame_columns
 
-            for column, values in collision_columns(figures).items():
+            for column, values in per_frame_columns(join_figures(figures)).items():
                 writer.add_per_frame(column, values)
     print(file=sys.stderr)
     if outside.max() > 0.1:

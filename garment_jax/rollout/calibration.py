@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.programs import ProgramStore, surroundings, usable
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.model import Model
-from garment_jax.rollout.programs import ProgramStore, surroundings, usable
 from garment_jax.rollout.variants import Variant, apply_variant, variants_of
 from garment_jax.structs import Motion, Scene
 

@@ -29,7 +29,7 @@ from garment_jax.geometry.elastic import (
     ordered,
 )
 from garment_jax.geometry.laplacian import LaplacianTable
-from garment_jax.rollout.programs import ProgramStore
+from garment_jax.programs import ProgramStore
 
 SPREAD = 0.04  # metres: longer waves stay where the networks have them
 THICKNESS = 0.026  # metres: the smaller, the nearer edges come to their lengths, and the finer are folds

@@ -15,9 +15,9 @@ from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.template import Template
+from garment_jax.programs import ProgramStore
 from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.attachment import make_attachment
-from garment_jax.rollout.programs import ProgramStore
 from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
 from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import Motion, Scene
@@ -52,7 +52,7 @@ def make_finisher(
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
     `config.collision` says. The networks and all that comes before collisions run a chunk ahead, on another
     thread, which knows nothing of this one's JAX settings but its device. `out_of_reach`, `programs` and
-    `facts` as in `make_animator` and `make_chunk_resolver`.
+    `facts` as in `make_animator` and `make_length_restorer`.
     """
     collision = collision and scene.collider is not None
     follow = collision and config.collision.limbs
@@ -62,9 +62,24 @@ def make_finisher(
 
     @lru_cache(maxsize=1)  # compiled when the first motion needs it, and shared by all of them
     def resolver() -> Callable:
-        from garment_jax.rollout.resolve import make_chunk_resolver
+        from garment_jax.collision.chunks import make_chunk_resolver
+        from garment_jax.collision.solver import CollisionOptions
 
-        return make_chunk_resolver(config, scene, template, limbs, programs=programs, facts=facts)
+        assert scene.collider is not None
+        settings = config.collision
+        return make_chunk_resolver(
+            scene.garment,
+            template.laplacian,
+            scene.collider,
+            scene.body,
+            chunk=config.rollout.chunk,
+            pins=None if scene.pins is None else scene.pins.vertices,
+            limbs=limbs,
+            options=CollisionOptions(
+                eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance
+            ),
+            programs=programs,
+        )
 
     if collision and bound is None:
         resolver()

@@ -9,9 +9,9 @@ import numpy as np
 
 from garment_jax.data.motion_input import MotionInput
 from garment_jax.data.template import Template
+from garment_jax.programs import ProgramStore, shapes_of
 from garment_jax.rollout.clips import rollout_chunks, stack_motions
 from garment_jax.rollout.model import Model
-from garment_jax.rollout.programs import ProgramStore, shapes_of
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, Motion, Scene

@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from garment_jax.data.replaceable import COLLIDED, check_prediction_out
+from garment_jax.data.replaceable import COLLIDED, RESTARTED, check_floor_out, check_prediction_out
 from tests.reference.scene import write_clip
 
 
@@ -41,3 +41,15 @@ def test_ones_own_work_and_new_names_may_be_written(tmp_path: Path):
     with h5py.File(collided, "r+") as file:
         file.attrs[COLLIDED] = 0.004
     check_prediction_out(collided)
+
+
+def test_floor_replaces_its_own_work_alone(tmp_path: Path):
+    check_floor_out(tmp_path / "new.h5")
+    clip = write_clip(tmp_path / "clip.h5", 2, attributes={"kind": "simulated"})
+    with pytest.raises(ValueError, match=r"clip\.h5 is there and floor did not write it; name another --out"):
+        check_floor_out(clip)
+    with pytest.raises(ValueError, match=r"does not end in \.h5"):
+        check_floor_out(tmp_path / "again.json")
+    with h5py.File(clip, "r+") as file:
+        file.attrs[RESTARTED] = 100
+    check_floor_out(clip)

@@ -167,3 +167,8 @@ def test_other_garments_are_refused_by_what_differs(scene):
     for sentence, other in cases.items():
         with pytest.raises(ValueError, match=sentence):
             check_same_garment(garment, other)
+
+
+def test_a_prediction_is_nothing_to_learn_from(tmp_path):
+    path = write_clip(tmp_path / "guess.h5", 12, attributes={"kind": "predicted"})
+    refuse(path, r"guess\.h5 is predicted, not simulated; give the clip that it was predicted for")

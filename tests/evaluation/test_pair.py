@@ -57,3 +57,14 @@ def test_vertices_that_are_not_finite_name_clip_frame_and_vertex(tmp_path):
         assert read_finite(clip, 0, 7).shape == (7, 128, 3)
         with pytest.raises(ValueError, match="broken: vertex 5 of frame 7 is not finite"):
             read_finite(clip, 6, 9)
+
+
+def test_prediction_and_truth_the_wrong_way_round(tmp_path):
+    swapped = {"attributes": {"kind": "predicted"}}, {"attributes": {"kind": "simulated"}}
+    assert "pred.h5 is simulated" in _refusal(tmp_path, *swapped)
+    truth = write_clip(tmp_path / "truth.h5", 2, attributes={"kind": "simulated"})
+    pred = write_clip(tmp_path / "pred.h5", 2, attributes={"kind": "predicted"})
+    with open_sequence(pred) as p, open_sequence(truth) as q:
+        check_pair(p, q)
+        check_pair(p, p)  # two predictions, two simulations: nobody can tell
+        check_pair(q, q)

@@ -58,3 +58,26 @@ def test_the_command_prints_a_list_that_the_benchmark_reads(tmp_path: Path, monk
     ]
     assert main(["floor", *clips, "--out", str(tmp_path / "again.h5")]) == 2
     assert "holds one clip, and 2 are given; name one" in capsys.readouterr().err
+
+
+def test_a_prediction_is_no_simulation_to_repeat_and_no_file_of_others_is_replaced(tmp_path: Path, capsys):
+    clip = str(write_clip(tmp_path / "clip.h5", 12))
+    pred = str(write_clip(tmp_path / "pred.h5", 12, attributes={"kind": "predicted"}))
+    assert main(["floor", pred]) == 2
+    assert "pred.h5 is predicted, not simulated; give the clip" in capsys.readouterr().err
+    assert main(["floor", clip, "--out", pred]) == 2
+    assert "pred.h5 is there and floor did not write it" in capsys.readouterr().err
+
+
+def test_the_second_simulation_says_what_it_is_and_may_be_written_again(tmp_path: Path, monkeypatch, capsys):
+    clip, out = str(write_clip(tmp_path / "clip.h5", 3)), tmp_path / "again.h5"
+
+    def restart(clip, settings, *, start, frames, flat):
+        return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, clip.read(0, 3))
+
+    monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
+    for _ in range(2):
+        assert main(["floor", clip, "--start", "0", "--out", str(out)]) == 0
+    with open_sequence(out) as again:
+        assert again.attributes["kind"] == "simulated"
+        assert again.attributes["restarted_at_frame"] == 0

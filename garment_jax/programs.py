@@ -7,15 +7,18 @@ the shapes of its arguments. What cannot be kept or read again is compiled as ev
 """
 
 import hashlib
+import importlib.util
 import os
 import pickle
+import shutil
 import threading
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -101,6 +104,34 @@ class Program:
         return self._future.result()[1]
 
 
+class Here(NamedTuple):
+    """What is known on this machine: the cache's folder (None: none) and the programs in it."""
+
+    folder: Path | None
+    store: ProgramStore
+
+
+def warm_start() -> Here:
+    """Switch on the caches of compiled programs, unless `GARMENT_JAX_CACHE` is "off" or none can be kept."""
+    folder, setting = usable(cache_folder()), "jax_compilation_cache_dir"
+    if folder is not None and getattr(jax.config, setting) is None:  # the user's own choice stays
+        # one for each version of the sources: what XLA's cache hands out could not be kept as a program
+        jax.config.update(setting, str(folder / f"xla-{surroundings()[:12]}"))
+        _only_newest(folder, "xla-*", 2)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        if importlib.util.find_spec("filelock"):  # without it JAX cannot throw old entries away
+            jax.config.update("jax_compilation_cache_max_size", 200_000_000)  # bytes
+        # a disk that fills up while we run: JAX only warns, and the user need not read it
+        warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+    return Here(folder, ProgramStore(folder and folder / "programs"))
+
+
+def _only_newest(folder: Path, pattern: str, kept: int) -> None:
+    """Remove all but the newest folders of a pattern: those of older versions."""
+    for old in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)[:-kept]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
 def shapes_of(tree: Any) -> Any:
     """Return the shapes and types of a tree of arrays."""
     return jax.tree.map(lambda a: jax.ShapeDtypeStruct(np.shape(a), np.asarray(a).dtype), tree)
@@ -137,7 +168,7 @@ def _key(arguments: tuple, facts: Mapping[str, Any]) -> str:
 def surroundings() -> str:
     """Return a digest of this package's sources, the versions of jax and the processor."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     device = jax.devices()[0]
     texts = [jax.__version__, version("jaxlib"), device.platform, device.device_kind, processor()]

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from garment_jax.rollout.programs import CACHE_VARIABLE, ProgramStore, cache_folder, shapes_of, usable
+from garment_jax.programs import CACHE_VARIABLE, ProgramStore, cache_folder, shapes_of, usable
 
 
 @pytest.fixture(autouse=True)
