@@ -32,10 +32,10 @@ from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.programs import ProgramStore
 
 SPREAD = 0.04  # metres: longer waves stay where the networks have them
-THICKNESS = 0.026  # metres: the smaller, the nearer edges come to their lengths, and the finer are folds
+THICKNESS = 0.018  # metres: the smaller, the nearer edges come to their lengths, and the finer are folds
 # How many times its length an edge pushes for: where a crushed one points is chance, and its whole force
 # magnified a rounding of the garment a thousand times.
-CRUSHED = 1.3
+CRUSHED = 1.15
 FADE = 0.95  # of the last frame's displacement, where this one begins: too few steps undo what is broad
 STEPS = 6  # gradient steps a frame at most; the next frame goes on from there
 STILL = 1e-5  # metres: a step that moves no vertex by more is the last
