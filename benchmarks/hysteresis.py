@@ -21,9 +21,9 @@ from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.progress import FrameProgress
 from garment_jax.simulation.command import cloth_settings, read_pattern
 from garment_jax.simulation.newton_cloth import drape, simulate_frames
-from garment_jax.simulation.progress import FrameProgress
 from garment_jax.stability.extreme import RECOVERED, garment_length, signed_strain
 from garment_jax.stability.extreme_motions import calmest_pose
 from garment_jax.stability.script import Part, make_script

@@ -31,7 +31,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.export.command import choose_format, export_file
-    from garment_jax.simulation.progress import FrameProgress
+    from garment_jax.progress import FrameProgress
 
     given = _given(options)
     if choose_format(options.out, options.format) == "onnx":

@@ -25,7 +25,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.render import render_files
-    from garment_jax.simulation.progress import FrameProgress
+    from garment_jax.progress import FrameProgress
 
     if len(options.paths) > 2:
         raise ValueError(

@@ -1,6 +1,5 @@
 """`garment-jax collide`: the collisions of a finished sequence, resolved alone and by windows."""
 
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +23,7 @@ from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, o
 from garment_jax.data.validation import check_input
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.programs import ProgramStore
+from garment_jax.progress import FrameProgress
 
 WINDOW = 64  # frames in memory at a time, and in one compiled piece
 LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
@@ -76,16 +76,15 @@ def collide_file(
             attributes=sequence.attributes | {COLLIDED: eps},
         )
         pieces: list[FrameFigures] = []
-        print(f"{sequence.name}: compiling", end="", file=sys.stderr, flush=True)
-        with writer:
+        with FrameProgress(sequence.name) as progress, writer:
+            progress.say("compiling")
             for start, V, piece in _resolved(sequence, solid, options, limbs, store):
                 writer.append(V)
                 pieces.append(piece)
-                _show(sequence, start + len(V), began)
+                progress(start + len(V), sequence.frames)
             figures = join_figures(pieces)
             for name, values in (_kept_columns(sequence) | per_frame_columns(figures)).items():
                 writer.add_per_frame(name, values)
-        print(file=sys.stderr)
         return Report(sequence.frames, time.perf_counter() - began, figures)
 
 
@@ -187,9 +186,3 @@ def _check_finite(V: np.ndarray, start: int, name: str) -> None:
             f"{name}: frame {start + int(bad.argmax())} is not finite; the rollout diverged or the file is "
             "damaged, make it again."
         )
-
-
-def _show(sequence: Sequence, frames: int, began: float) -> None:
-    rate = frames / (time.perf_counter() - began)
-    line = f"\r{sequence.name}: {frames}/{sequence.frames} frames, {rate:.0f} frames/s "
-    print(line, end="", file=sys.stderr, flush=True)

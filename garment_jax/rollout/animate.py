@@ -20,6 +20,7 @@ from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, Sequenc
 from garment_jax.data.start import make_start
 from garment_jax.data.validation import check_input
 from garment_jax.programs import ProgramStore
+from garment_jax.progress import FrameProgress
 from garment_jax.rollout.finish import Chunk, make_finisher
 from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
 from garment_jax.rollout.plan import ScenePlan, make_plan
@@ -159,24 +160,20 @@ def animate_file(
         name=name,
     )
     pieces = run(motion, preroll=preroll, name=name)
-    before = f", {preroll} frames before" if preroll else ""
-    print(f"{name}: compiling{before}", end="", file=sys.stderr, flush=True)
-    with SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes) as writer:
+    writer = SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
+    with FrameProgress(name) as progress, writer:
+        progress.say("compiling" + (f", then {preroll} frames of preroll" if preroll else ""))
         for piece in pieces:
             writer.append(piece.V)
             frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
             figures += [] if piece.collision is None else [piece.collision]
-            rate = frames / (time.perf_counter() - began)
-            left = (len(motion.root) - frames) / rate
-            line = f"\r{name}: {frames}/{len(motion.root)} frames, {rate:.0f} frames/s, {left:.0f} s left "
-            print(line, end="", file=sys.stderr, flush=True)
+            progress(frames, len(motion.root))
         writer.add_per_frame("outside_training_range", outside)
         if figures and sum(len(f.outcome) for f in figures) == frames:
             from garment_jax.collision.sequence import join_figures, per_frame_columns
 
             for column, values in per_frame_columns(join_figures(figures)).items():
                 writer.add_per_frame(column, values)
-    print(file=sys.stderr)
     if outside.max() > 0.1:
         print(
             f"{name}: the motion leaves the training range by up to {outside.max():.0%} of it "

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.programs import ProgramStore, surroundings, usable
+from garment_jax.progress import FrameProgress
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.variants import Variant, apply_variant, variants_of
@@ -40,10 +41,12 @@ def frame_times(
     """
     path = _path(folder, model, scene)
     known, variants = _read(path), variants_of(model.params)
-    for name in names:
-        if name not in known:
-            known[name] = measured_ms(model, scene, motion, variants[name], store=store)
-            _write(path, known)
+    with FrameProgress("measuring") as progress:
+        for name in names:
+            if name not in known:
+                progress.say(f"{name}, of which the most is compiling")
+                known[name] = measured_ms(model, scene, motion, variants[name], store=store)
+                _write(path, known)
     return known
 
 

@@ -20,7 +20,7 @@ from garment_jax.data.content_hash import scene_hash, stored_attribute, stored_h
 from garment_jax.data.replaceable import COLLIDED
 from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
-from garment_jax.simulation.progress import FrameProgress
+from garment_jax.progress import FrameProgress
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import check_motion

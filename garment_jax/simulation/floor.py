@@ -9,7 +9,7 @@ import numpy as np
 
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.rmse import rmse_per_frame
-from garment_jax.simulation.progress import FrameProgress
+from garment_jax.progress import FrameProgress
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import check_motion
 from garment_jax.structs import Motion

@@ -7,7 +7,8 @@ import numpy as np
 
 from garment_jax.data.prepared import targets_of
 from garment_jax.generative.network import encode
-from garment_jax.training.run import Run, say
+from garment_jax.progress import FrameProgress
+from garment_jax.training.run import Run
 
 CHUNK = 64  # frames
 
@@ -18,19 +19,22 @@ def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
     if path.exists():
         with np.load(path) as stored:
             return [stored[str(i)] for i in range(len(run.data.train))]
-    say("motion: encoding the training clips")
 
     @jax.jit
     def mean(params: dict, V: jax.Array) -> jax.Array:
         return encode(params, V, template=run.template, config=run.config.generative).mean
 
     codes = []
-    for clip in run.data.train:
-        Z = np.zeros((len(clip.V), run.config.generative.latent_dim), np.float32)
-        for start in range(0, len(clip.V), CHUNK):
-            window = np.minimum(np.arange(start, start + CHUNK), len(clip.V) - 1)
-            Z[window] = mean(generative, targets_of(clip, window, run.data))
-        codes.append(Z)
+    done, frames = 0, sum(len(clip.V) for clip in run.data.train)
+    with FrameProgress("motion: encoding the training clips") as progress:
+        for clip in run.data.train:
+            Z = np.zeros((len(clip.V), run.config.generative.latent_dim), np.float32)
+            for start in range(0, len(clip.V), CHUNK):
+                window = np.minimum(np.arange(start, start + CHUNK), len(clip.V) - 1)
+                Z[window] = mean(generative, targets_of(clip, window, run.data))
+            codes.append(Z)
+            done += len(Z)
+            progress(done, frames)
     partial = path.with_suffix(".partial.npz")
     np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})
     os.replace(partial, path)

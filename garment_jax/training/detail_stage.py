@@ -10,13 +10,14 @@ import numpy as np
 from garment_jax.data.prepared import targets_of
 from garment_jax.detail.train_step import DetailBatch, init_players, make_detail_train_step, side_by_side
 from garment_jax.generative.network import decode
+from garment_jax.progress import FrameProgress
 from garment_jax.rollout.clips import stack_motions
 from garment_jax.rollout.scan import latent_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, TrainState
 from garment_jax.training.codes import true_codes
 from garment_jax.training.optimiser import make_optimiser
-from garment_jax.training.run import Run, optimise, say
+from garment_jax.training.run import Run, optimise
 
 CHUNK = 50  # frames of a rollout at a time
 AT_ONCE = 8  # clips rolled out side by side
@@ -74,21 +75,21 @@ def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
     if path.exists():
         with np.load(path) as stored:
             return [stored[str(i)] for i in range(len(run.data.train))]
-    say("detail: rolling out the training clips")
-    codes = _rollout_codes(run, {"generative": generative, "motion": motion})
+    with FrameProgress("detail: rolling out the training clips") as progress:
+        codes = _rollout_codes(run, {"generative": generative, "motion": motion}, progress)
     partial = path.with_suffix(".partial.npz")
     np.savez(partial, **{str(i): z for i, z in enumerate(codes)})  # type: ignore[arg-type]
     os.replace(partial, path)
     return codes
 
 
-def _rollout_codes(run: Run, params: dict) -> list[np.ndarray]:
+def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.ndarray]:
     @jax.jit
     def roll(params: dict, state, x: FrameInput):
         state, Z, _ = latent_rollout(params, state, x, template=run.template, config=run.config)
         return state, Z
 
-    codes = []
+    codes, frames = [], sum(len(clip.V) for clip in run.data.train)
     for first in range(0, len(run.data.train), AT_ONCE):
         clips = run.data.train[first : first + AT_ONCE]
         clips = clips + clips[-1:] * (AT_ONCE - len(clips))  # one compiled width
@@ -103,4 +104,5 @@ def _rollout_codes(run: Run, params: dict) -> list[np.ndarray]:
             parts.append(np.asarray(Z))
         whole = np.concatenate(parts)
         codes += [whole[: len(clip.V), b] for b, clip in enumerate(clips)]
+        progress(min(sum(map(len, codes)), frames), frames)
     return codes[: len(run.data.train)]

@@ -195,7 +195,7 @@ def test_stopped_in_the_middle_nothing_is_left(tmp_path, thin, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "_show", stop)
+    monkeypatch.setattr(command.FrameProgress, "__call__", stop)
     with pytest.raises(KeyboardInterrupt):
         collide_file(thin, tmp_path / "out.h5")
     assert list(tmp_path.iterdir()) == []

@@ -1,11 +1,13 @@
 """A whole motion through a whole model: pins, preroll, place in the world, files, refusals."""
 
+import sys
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax import progress
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
@@ -133,11 +135,17 @@ def test_collisions_are_resolved_and_pins_stay():
     assert np.abs(resolved - bare).max() > 0.001
 
 
-def test_a_file_is_written_with_what_it_is_and_how_far_it_leaves_the_training_range(tmp_path: Path, capsys):
+def test_a_file_is_written_with_what_it_is_and_how_far_it_leaves_the_training_range(
+    tmp_path: Path, capsys, monkeypatch
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setattr(progress, "_TERMINAL_SECONDS", 0.0)
     clip = write_clip(tmp_path / "waltz.h5", 20, attributes={"name": "waltz"})
     figures = animate_file(tiny_model(), clip, tmp_path / "out" / "waltz.h5", collision=False)
     assert figures["frames"] == 20
-    assert "waltz: 20/20 frames" in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert "waltz: compiling" in shown
+    assert "waltz: 20/20 frames" in shown
     with open_sequence(tmp_path / "out" / "waltz.h5") as made, open_sequence(clip) as given:
         assert made.attributes["kind"] == "predicted"
         assert made.name == "waltz"

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from garment_jax import progress
 from garment_jax.data.sequence import open_sequence
-from garment_jax.simulation import progress
 from garment_jax.simulation.clips import ENGINE, Job, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax import progress
 from garment_jax.config import DataConfig
 from garment_jax.data.prepared import frames_of
 from garment_jax.generative.canonical import posed
@@ -58,14 +59,15 @@ def canonical(folder: Path):
     yield from opened(folder, 0.1)
 
 
-def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, capsys):
+def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "_LINE_SECONDS", 0.0)
     params = tiny_model().params["generative"]
     Z = true_codes(run, params)
     assert [z.shape for z in Z] == [(9, 8), (9, 8)]
     V = frames_of(run.data.train[1], np.arange(9), run.data)
     mean = jax.jit(lambda V: encode(params, V, template=run.template, config=CONFIG.generative).mean)
     np.testing.assert_allclose(Z[1], mean(jnp.asarray(V)), atol=1e-4)
-    assert "encoding the training clips" in capsys.readouterr().err
+    assert "encoding the training clips: 18/18 frames" in capsys.readouterr().err
     for again, code in zip(true_codes(run, {}), Z, strict=True):
         np.testing.assert_array_equal(again, code)
     assert not capsys.readouterr().err

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from garment_jax.simulation import progress
-from garment_jax.simulation.progress import FrameProgress
+from garment_jax import progress
+from garment_jax.progress import FrameProgress
 
 
 class Terminal(io.StringIO):
@@ -57,6 +57,15 @@ def test_elsewhere_a_line_comes_every_half_minute(clock: list[float]) -> None:
         "drape: 60/100 frames, 1.0 frames/s, 40 s left",
         "drape: 90/100 frames, 1.0 frames/s, 10 s left",
     ]
+
+
+def test_what_comes_before_the_first_frame_is_said_on_a_terminal_alone() -> None:
+    for stream, said in ((Terminal(), "\rwaltz: compiling"), (io.StringIO(), "")):
+        show = FrameProgress("waltz", stream=stream)
+        show.say("compiling")
+        assert stream.getvalue() == said
+        show.__exit__(None, None, None)
+        assert stream.getvalue().endswith("\r" if said else "")
 
 
 def test_an_interrupted_line_is_ended_and_nothing_shown_is_nothing_written(clock: list[float]) -> None:

@@ -1,4 +1,4 @@
-"""How far a drape or a clip is, on stderr: one line rewritten on a terminal, one now and then elsewhere."""
+"""How far a clip is, in frames, on stderr: one line rewritten on a terminal, one now and then elsewhere."""
 
 import sys
 import time
@@ -10,9 +10,9 @@ _LINE_SECONDS = 30.0  # between lines of a log file: a night's simulation stays 
 
 
 class FrameProgress:
-    """The `progress` of `drape` and `simulate_frames`; use it in a `with` statement, which clears the line.
+    """Prints frames done of all, frames a second and seconds left, since it was made.
 
-    Prints frames done of all, frames a second and seconds left, since it was made.
+    Use it in a `with` statement, which clears the line, so that what is printed next begins on a clean one.
     """
 
     def __init__(self, name: str, *, stream: Any = None) -> None:
@@ -31,6 +31,11 @@ class FrameProgress:
         rate = done / (now - self._began)
         left = (total - done) / rate
         self._write(f"{self._name}: {done}/{total} frames, {rate:.1f} frames/s, {left:.0f} s left")
+
+    def say(self, text: str) -> None:
+        """Show on a terminal what is done before the first frame."""
+        if self._terminal:
+            self._write(f"{self._name}: {text}")
 
     def __enter__(self) -> "FrameProgress":
         return self
