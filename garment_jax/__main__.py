@@ -1,8 +1,6 @@
 """`python -m garment_jax COMMAND`: the same as `garment-jax COMMAND`."""
 
-import sys
-
-from garment_jax.cli import main
+from garment_jax.cli import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

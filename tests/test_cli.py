@@ -160,3 +160,18 @@ def test_module_runs_and_help_needs_no_jax():
     assert result.returncode == 0, result.stderr
     for name in ("import", "info", "collide", "evaluate", "render"):
         assert name in result.stdout
+
+
+@pytest.mark.parametrize("code", [130, 2, 0])
+def test_an_interrupted_program_ends_at_once_whatever_its_threads_do(code: int) -> None:
+    lines = (
+        "import threading, time",
+        "from garment_jax.cli.leaving import leave",
+        f"threading.Thread(target=time.sleep, args=({60 if code == 130 else 0},)).start()",
+        "print('said')",
+        f"leave({code})",
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, timeout=50, text=True
+    )
+    assert (ended.returncode, ended.stdout) == (code, "said\n")

@@ -7,6 +7,7 @@ in one sentence and exit code 2.
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from garment_jax import __version__
 from garment_jax.cli import (
@@ -24,6 +25,7 @@ from garment_jax.cli import (
     validate,
     view,
 )
+from garment_jax.cli.leaving import INTERRUPTED, leave
 
 COMMANDS = (
     simulate,
@@ -55,7 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
+
+
+def program() -> NoReturn:
+    """Run the command line's command and end the process."""
+    leave(main())
 
 
 def make_parser() -> argparse.ArgumentParser:

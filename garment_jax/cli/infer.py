@@ -31,11 +31,14 @@ def infer(
 ) -> Iterator[str]:
     """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
     hush_xla()
+    from garment_jax.data.replaceable import check_animation_out
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.validation import check_input
     from garment_jax.programs import warm_start
     from garment_jax.rollout.plan import make_plan
 
+    if out is not None:
+        check_animation_out(Path(out), Path(motion))  # before minutes of measuring
     here = warm_start()
     facts, whole = _facts(model)
     read = partial(_read, model, lengths=not no_lengths)

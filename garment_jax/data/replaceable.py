@@ -40,6 +40,13 @@ def check_prediction_out(out: Path) -> None:
         )
 
 
+def check_animation_out(out: Path, motion: Path) -> None:
+    """Raise `ValueError` for an `out` that is the animation's own `motion`, or as `check_prediction_out`."""
+    if out.resolve() == motion.resolve():
+        raise ValueError(f"{out} holds the motion itself; write the animation to another file.")
+    check_prediction_out(out)
+
+
 def check_floor_out(out: Path) -> None:
     """Raise `ValueError` where a second simulation would replace what `floor` did not write."""
     check_sequence_name(out)

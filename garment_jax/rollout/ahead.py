@@ -23,9 +23,12 @@ def one_ahead(items: Iterator[T]) -> Iterator[T]:
         with jax.default_device(device):
             return [jax.block_until_ready(item) for item in islice(items, 1)]
 
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="ahead") as pool:
+    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="ahead")
+    try:
         found = pool.submit(compute).result()
         while found:
             following = pool.submit(compute)
             yield from found
             found = following.result()
+    finally:
+        pool.shutdown(wait=False)  # who stops here need not wait for a program that is still being compiled

@@ -14,7 +14,7 @@ from garment_jax.body.motion_features import chosen_joints, feature_names, motio
 from garment_jax.body.preroll import with_preroll
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.motion_input import motion_input
-from garment_jax.data.replaceable import check_prediction_out
+from garment_jax.data.replaceable import check_animation_out
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
@@ -136,9 +136,7 @@ def animate_file(
     the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
     (`extra/collision_...`, see `docs/collision.md`).
     """
-    if Path(out).resolve() == Path(clip).resolve():
-        raise ValueError(f"{out} holds the motion itself; write the animation to another file.")
-    check_prediction_out(Path(out))
+    check_animation_out(Path(out), Path(clip))
     with open_sequence(clip) as sequence:
         check_input(sequence, joints=model.config.body.motion_joints)
         scene, motion, name = sequence.scene, sequence.motion, sequence.name

@@ -39,19 +39,25 @@ def test_an_error_comes_after_the_items_before_it():
         next(ahead)
 
 
-def test_who_stops_early_waits_for_one_item_at_most():
-    asked = []
+def test_who_stops_early_does_not_wait_for_the_item_being_computed():
+    asked, gate = [], threading.Event()
 
     def items() -> Iterator[int]:
         for i in range(100):
             asked.append(i)
+            if i:
+                gate.wait(60)
             yield i
 
     ahead = one_ahead(items())
     next(ahead)
     ahead.close()  # type: ignore[attr-defined]
+    assert not gate.is_set()
+    gate.set()
+    for thread in [t for t in threading.enumerate() if t.name.startswith("ahead")]:
+        thread.join(60)
+        assert not thread.is_alive()
     assert len(asked) <= 2
-    assert not [t for t in threading.enumerate() if t.name.startswith("ahead")]
 
 
 def test_the_callers_device_is_taken_along():
