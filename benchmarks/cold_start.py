@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from measured import report
@@ -27,16 +28,17 @@ def first_frames(words: list[str], cache: str) -> float:
     # importing jax here has set it: with it XLA writes pages about each kept program, all to be read below
     settings.pop("TF_CPP_MIN_LOG_LEVEL", None)
     began = time.perf_counter()
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=quiet, env=settings)
-    assert process.stderr is not None
-    said = b""
-    while b" frames/s" not in said:
-        letter = process.stderr.read(1)
-        if not letter:
-            raise ValueError(f"infer.py stopped: {said.decode()}")
-        said += letter
-    seconds = time.perf_counter() - began
-    process.communicate()  # to its end, so that what it keeps is whole
+    shown, terminal = os.openpty()  # elsewhere than on a terminal progress is a line now and then
+    process = subprocess.Popen(command, stderr=terminal, stdout=quiet, env=settings)
+    os.close(terminal)
+    seconds, said = 0.0, b""
+    with suppress(OSError):  # a terminal's end, as Linux has it
+        while piece := os.read(shown, 4096):  # to its end, so that what it keeps is whole
+            said += piece
+            if not seconds and b" frames/s" in said:
+                seconds = time.perf_counter() - began
+    if process.wait() or not seconds:
+        raise ValueError(f"infer.py stopped: {said.decode()}")
     return seconds
 
 

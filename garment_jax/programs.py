@@ -12,9 +12,11 @@ import os
 import pickle
 import shutil
 import threading
+import time
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +28,7 @@ from jax import monitoring
 
 CACHE_VARIABLE = "GARMENT_JAX_CACHE"
 _KEPT = 64  # programs; the oldest go
+_BEING_WRITTEN = 60.0  # seconds: what is younger may be another process' that goes on writing
 
 
 def cache_folder() -> Path | None:
@@ -123,7 +126,26 @@ def warm_start() -> Here:
             jax.config.update("jax_compilation_cache_max_size", 200_000_000)  # bytes
         # a disk that fills up while we run: JAX only warns, and the user need not read it
         warnings.filterwarnings("ignore", message=".*persistent compilation cache.*")
+    if folder is not None:
+        _mend(folder)
     return Here(folder, ProgramStore(folder and folder / "programs"))
+
+
+def _mend(folder: Path) -> None:
+    """Remove what a process left that was ended while it wrote.
+
+    One entry of XLA's cache without the time of its last use, and JAX takes no more of them, in silence.
+    """
+    torn = [path for path in folder.glob("xla-*/*-cache") if not path.with_name(_used(path.name)).exists()]
+    torn = torn if importlib.util.find_spec("filelock") else []  # without it there are no such times
+    for path in [*torn, *folder.glob("programs/*.tmp")]:
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _BEING_WRITTEN:
+                path.unlink()
+
+
+def _used(entry: str) -> str:
+    return entry.removesuffix("-cache") + "-atime"
 
 
 def _only_newest(folder: Path, pattern: str, kept: int) -> None:

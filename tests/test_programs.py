@@ -1,5 +1,6 @@
 """Programs kept between runs: the same answer, no second compilation, and no harm from a bad folder."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from garment_jax.programs import CACHE_VARIABLE, ProgramStore, cache_folder, shapes_of, usable
+from garment_jax.programs import CACHE_VARIABLE, ProgramStore, _mend, cache_folder, shapes_of, usable
 
 
 @pytest.fixture(autouse=True)
@@ -123,3 +124,18 @@ def test_the_cache_is_the_users_and_can_be_switched_off(tmp_path: Path, monkeypa
     (tmp_path / "file").write_text("")
     assert usable(tmp_path / "file" / "below") is None
     assert usable(tmp_path / "new") == tmp_path / "new"
+
+
+def test_entries_cut_short_are_removed_before_jax_meets_them(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("garment_jax.programs.importlib.util.find_spec", lambda name: True)
+    xla, kept = tmp_path / "xla-1", tmp_path / "programs"
+    xla.mkdir()
+    kept.mkdir()
+    names = ("whole-cache", "whole-atime", "torn-cache", "young-cache")
+    for path in [*(xla / name for name in names), kept / "a.program", kept / "b.program.7.tmp"]:
+        path.write_bytes(b"")
+        if "young" not in path.name:
+            os.utime(path, (1.0, 1.0))
+    _mend(tmp_path)
+    assert {path.name for path in xla.iterdir()} == {"whole-cache", "whole-atime", "young-cache"}
+    assert [path.name for path in kept.iterdir()] == ["a.program"]

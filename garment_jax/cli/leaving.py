@@ -1,5 +1,6 @@
 """The end of the process: after Ctrl-C at once, whatever is being compiled."""
 
+import multiprocessing
 import os
 import sys
 from contextlib import suppress
@@ -15,6 +16,8 @@ def leave(code: int) -> NoReturn:
     minute. All files are closed and all temporary ones gone when `code` says that the user interrupted.
     """
     if code == INTERRUPTED:
+        for worker in multiprocessing.active_children():  # of a pool whose end a second Ctrl-C cut short
+            worker.terminate()
         with suppress(OSError, ValueError):  # closed, or nobody reads
             sys.stdout.flush()
             sys.stderr.flush()

@@ -50,7 +50,10 @@ def check_animation_out(out: Path, motion: Path) -> None:
 def check_floor_out(out: Path) -> None:
     """Raise `ValueError` where a second simulation would replace what `floor` did not write."""
     check_sequence_name(out)
-    if os.path.exists(out) and stored_attribute(out, RESTARTED) is None:
+    if not os.path.exists(out):
+        return
+    # collide keeps the attributes of what it reads
+    if stored_attribute(out, RESTARTED) is None or stored_attribute(out, COLLIDED) is not None:
         raise ValueError(
             f"--out {out} is there and floor did not write it; name another --out, or move it away."
         )

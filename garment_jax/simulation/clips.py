@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from garment_jax.data.content_hash import scene_hash, stored_attribute, stored_hash
-from garment_jax.data.replaceable import COLLIDED
+from garment_jax.data.replaceable import COLLIDED, RESTARTED
 from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.progress import FrameProgress
@@ -136,8 +136,9 @@ def _check_replaceable(path: Path, key: str, scene: Scene) -> None:
     """Raise `ValueError` where a clip would replace what was not simulated here, or of another garment."""
     if not os.path.lexists(path) or stored_hash(path) == key:
         return
-    made = [stored_attribute(path, name) for name in ("kind", "engine", "source", "imported_from", COLLIDED)]
-    if made != ["simulated", ENGINE, None, None, None]:
+    others = ("source", "imported_from", COLLIDED, RESTARTED)
+    made = [stored_attribute(path, name) for name in ("kind", "engine", *others)]
+    if made != ["simulated", ENGINE, *[None] * len(others)]:
         raise ValueError(
             f"{path} is there and simulate did not make it; choose another --out, or move it away."
         )

@@ -8,7 +8,7 @@ import numpy as np
 from garment_jax.data.prepared import targets_of
 from garment_jax.generative.network import encode
 from garment_jax.progress import FrameProgress
-from garment_jax.training.run import Run
+from garment_jax.training.run import Run, say
 
 CHUNK = 64  # frames
 
@@ -26,7 +26,9 @@ def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
 
     codes = []
     done, frames = 0, sum(len(clip.V) for clip in run.data.train)
-    with FrameProgress("motion: encoding the training clips") as progress:
+    say("motion: encoding the training clips")
+    with FrameProgress("motion") as progress:
+        progress.say("compiling")
         for clip in run.data.train:
             Z = np.zeros((len(clip.V), run.config.generative.latent_dim), np.float32)
             for start in range(0, len(clip.V), CHUNK):

@@ -17,7 +17,7 @@ from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, TrainState
 from garment_jax.training.codes import true_codes
 from garment_jax.training.optimiser import make_optimiser
-from garment_jax.training.run import Run, optimise
+from garment_jax.training.run import Run, optimise, say
 
 CHUNK = 50  # frames of a rollout at a time
 AT_ONCE = 8  # clips rolled out side by side
@@ -75,7 +75,9 @@ def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
     if path.exists():
         with np.load(path) as stored:
             return [stored[str(i)] for i in range(len(run.data.train))]
-    with FrameProgress("detail: rolling out the training clips") as progress:
+    say("detail: rolling out the training clips")
+    with FrameProgress("detail") as progress:
+        progress.say("compiling")
         codes = _rollout_codes(run, {"generative": generative, "motion": motion}, progress)
     partial = path.with_suffix(".partial.npz")
     np.savez(partial, **{str(i): z for i, z in enumerate(codes)})  # type: ignore[arg-type]

@@ -53,3 +53,7 @@ def test_floor_replaces_its_own_work_alone(tmp_path: Path):
     with h5py.File(clip, "r+") as file:
         file.attrs[RESTARTED] = 100
     check_floor_out(clip)
+    with h5py.File(clip, "r+") as file:
+        file.attrs[COLLIDED] = 0.004
+    with pytest.raises(ValueError, match="floor did not write it"):
+        check_floor_out(clip)  # collide has kept the attributes of what it read

@@ -75,6 +75,7 @@ MADE = {"engine": ENGINE, "content_hash": "of other settings"}
         (MADE | {"source": "walk.bvh"}, False, " and simulate did not make it"),
         (MADE | {"kind": "predicted"}, False, " and simulate did not make it"),
         (MADE | {"collision_eps_m": 0.004}, False, " and simulate did not make it"),
+        (MADE | {"restarted_at_frame": 100}, False, " and simulate did not make it"),
         (None, False, " and simulate did not make it"),
         (MADE, True, ", a clip of another garment or body"),
     ],

@@ -67,7 +67,7 @@ def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, ca
     V = frames_of(run.data.train[1], np.arange(9), run.data)
     mean = jax.jit(lambda V: encode(params, V, template=run.template, config=CONFIG.generative).mean)
     np.testing.assert_allclose(Z[1], mean(jnp.asarray(V)), atol=1e-4)
-    assert "encoding the training clips: 18/18 frames" in capsys.readouterr().err
+    assert "motion: 18/18 frames" in capsys.readouterr().err
     for again, code in zip(true_codes(run, {}), Z, strict=True):
         np.testing.assert_array_equal(again, code)
     assert not capsys.readouterr().err
