@@ -44,7 +44,7 @@ def pareto_plot(records: Records) -> str:
         axes.plot(
             [], [], marks[-1].shape, ms=5, color=ink, label=f"{k}  {r.row.title}: {y:.2f} cm, {x:.2g} ms"
         )
-    front = [points[i] for i in pareto_front(points)]
+    front = _front_line(points, top)
     if front:
         line = {"color": "0.45", "lw": 1, "ls": "--", "label": "Pareto front", "zorder": 0}
         axes.step(*zip(*front, strict=True), where="post", **line)
@@ -127,6 +127,11 @@ def _top(errors: Sequence[float]) -> float:
     """Return where the error axis ends: one method far above all others stands at the edge, as a triangle."""
     second, worst = [0.0, *sorted(errors)][-2:] if errors else (0.0, np.inf)
     return 1.1 * second if worst > 1.5 * second > 0 else worst
+
+
+def _front_line(points: Sequence[tuple[float, float]], top: float) -> list[tuple[float, float]]:
+    """Return the corners of the front: the quickest method is on it however far above `top` its error is."""
+    return [(points[i][0], min(points[i][1], top)) for i in pareto_front(points)]
 
 
 def rollout_plot(records: Records, lengths: Sequence[int]) -> str:

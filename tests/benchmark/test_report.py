@@ -10,7 +10,7 @@ import pytest
 
 from garment_jax.benchmark import pictures
 from garment_jax.benchmark.plan import ROLL, Plan
-from garment_jax.benchmark.plots import _enlarged, _figure, _Mark, _top, all_plots
+from garment_jax.benchmark.plots import _enlarged, _figure, _front_line, _Mark, _top, all_plots
 from garment_jax.benchmark.records import gather
 from garment_jax.benchmark.report import write_report
 from garment_jax.benchmark.runner import next_job
@@ -79,6 +79,11 @@ def test_every_row_is_in_the_pareto_plot(finished: Plan) -> None:
 )
 def test_one_error_far_above_the_others_does_not_set_the_axis(errors: list[float], top: float) -> None:
     assert _top(errors) == pytest.approx(top)
+
+
+def test_nor_does_the_front_that_begins_with_it() -> None:
+    points = [(1.0, 4.5), (0.2, 10.9), (0.3, 5.0), (2.0, 4.7)]
+    assert _front_line(points, 5.5) == [(0.2, 5.5), (0.3, 5.0), (1.0, 4.5)]
 
 
 @pytest.mark.parametrize(("floor", "room"), [(2.0, True), (3.8, False)])
