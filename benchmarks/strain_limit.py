@@ -15,7 +15,7 @@ import numpy as np
 from measured import report
 
 from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.strain_limit import make_strain_limit
+from garment_jax.geometry.strain_limit import make_strain_limit
 
 PULL = 0.5  # of the distance below the mean height
 

@@ -17,6 +17,7 @@ from garment_jax.collision.solver import CollisionOptions
 from garment_jax.collision.tables import make_collider_tables, make_collision_tables
 from garment_jax.data.lanes import repeated_last
 from garment_jax.geometry.laplacian import LaplacianTable
+from garment_jax.geometry.strain_limit import make_strain_tables
 from garment_jax.programs import ProgramStore
 from garment_jax.structs import Collider, Garment, RiggedBody
 
@@ -45,16 +46,17 @@ def make_chunk_resolver(
     programs = programs or ProgramStore(None)
     tables = make_collision_tables(garment.template, table, make_collider_tables(collider, body))
     sides = limbs and make_side_tables(garment.template, garment.faces, limbs, table)
+    strain = make_strain_tables(garment, np.zeros(0, np.int32) if pins is None else pins)
     n, c = len(garment.template), len(collider.body_vertices) + bool(len(collider.cap_loop))
     p, q = 0 if pins is None else len(pins), 0 if sides is None else len(sides.radius)
-    facts = {"tables": _digest((tables, sides, pins, options))}
+    facts = {"tables": _digest((tables, sides, strain, pins, options))}
 
     def metres(*shape: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct((*shape, 3), np.float32)
 
     start = jax.jit(lambda V, c, bones: first_carry(V, c, tables, None if sides is None else bones))
     first = programs.program("first_carry", start, (metres(n), metres(c), metres(q, 2)), facts)
-    resolver = make_resolver(tables, pins=pins, options=options, sides=sides)
+    resolver = make_resolver(tables, pins=pins, options=options, sides=sides, strain=strain)
     resolve = programs.after(
         first,
         lambda carry: (

@@ -42,6 +42,13 @@ class CollisionState(NamedTuple):
     frame: jax.Array  # [] int32, counts up: whose proof is checked in this frame
 
 
+class Planes(NamedTuple):
+    """What keeps each vertex outside: direction . v >= height, in the frame of the input."""
+
+    direction: jax.Array  # [n, 3] unit vectors, 0 where no surface is near or the vertex is pinned
+    height: jax.Array  # [n] metres
+
+
 class CollisionResult(NamedTuple):
     """One frame after collision handling. Depths and counts leave out the pinned vertices."""
 
@@ -54,3 +61,4 @@ class CollisionResult(NamedTuple):
     objective: jax.Array  # [] metres, ||Lap(V_f) - Lap(V)||, the norm over the whole mesh
     converged: jax.Array  # [] bool
     outcome: jax.Array  # [] int32, an `Outcome`; `MESSAGES` has its sentence
+    planes: Planes  # of the last search

@@ -5,6 +5,7 @@ it jumps from one frame to the next, so its largest change is reported for every
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +18,8 @@ from garment_jax.collision.result import CollisionState
 from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
 from garment_jax.collision.solver import CollisionOptions, resolve_collisions
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.collision.tightening import resolve_unstretched
+from garment_jax.geometry.strain_limit import StrainTables
 
 _MM = 1e3  # per metre
 
@@ -63,12 +66,14 @@ def make_resolver(
     pins: Int[np.ndarray, " p"] | None = None,
     options: CollisionOptions = CollisionOptions(),
     sides: SideTables | None = None,
+    strain: StrainTables | None = None,
 ) -> Resolver:
     """Return a compiled function `(carry, V [k, n, 3], pin_positions [k, p, 3], collider [k, c, 3], bones)`.
 
     It resolves the frames one after the other (section 3.5) and returns the carry, the garment
     `[k, n, 3]` and the figures. With `sides` also what limbs have passed through is put back first;
-    `bones` `[k, q, 2, 3]` are then theirs. Metres, root frames. One `k` compiles once: pad the last stretch.
+    `bones` `[k, q, 2, 3]` are then theirs. With `strain` cloth that all this stretches is shortened.
+    Metres, root frames. One `k` compiles once: pad the last stretch.
     """
 
     @jax.jit
@@ -87,9 +92,15 @@ def make_resolver(
                 assert carry.sides is not None
                 free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
                 held, following, pierced = keep_sides(v, ends, free, carry.sides, sides)
-            result, state = resolve_collisions(
-                held, c, carry.state, tables=tables, pins=pins, pin_positions=positions, options=options
+            call = partial(
+                resolve_collisions
+                if strain is None
+                else partial(resolve_unstretched, strain=strain, as_in=v),
+                tables=tables,
+                pins=pins,
+                options=options,
             )
+            result, state = call(held, c, carry.state, pin_positions=positions)
             correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
             correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
             if following is not None:

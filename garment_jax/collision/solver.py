@@ -23,7 +23,7 @@ from garment_jax.collision.contacts import (
 )
 from garment_jax.collision.descent import Iterate, advance
 from garment_jax.collision.region import Members, dilate, displacement_norm, find_members, nobody
-from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
+from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 
@@ -120,8 +120,11 @@ def resolve_collisions(
     converged = (outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED)
     deepest, inside = _depth(end.at, free)
     before, after = end.inside.sum().astype(jnp.int32), inside.sum().astype(jnp.int32)
+    direction = jnp.where((free & end.at.known)[:, None], end.at.direction, 0.0)
+    height = ((end.at.point + surface.origin[None]) * direction).sum(axis=-1) + options.eps
+    planes = Planes(direction, height)
     result = CollisionResult(
-        V_out, end.deepest, deepest, before, after, end.steps, objective, converged, outcome
+        V_out, end.deepest, deepest, before, after, end.steps, objective, converged, outcome, planes
     )
     outside = ~end.at.known | (end.at.ds >= 0)
     outside = outside & ~_betrayed(probe & state.outside & end.inside, tables)

@@ -15,11 +15,11 @@ from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.template import Template
+from garment_jax.geometry.strain_limit import make_strain_limit
 from garment_jax.programs import ProgramStore
 from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.attachment import make_attachment
 from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
-from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import Motion, Scene
 
 

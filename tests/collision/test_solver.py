@@ -139,6 +139,19 @@ def test_pins_are_overwritten_and_stay_even_inside(pierced):
     assert result.penetrating_after == 0
 
 
+def test_the_planes_hold_and_are_as_far_as_the_body(pierced):
+    _, body, faces = tables()
+    result, _ = run(pierced)
+    direction, height = (np.asarray(x, np.float64) for x in result.planes)
+    assert not direction[PINS].any()
+    V = np.asarray(result.V, np.float64)
+    ds, above = brute_signed(V, body, faces), (direction * V).sum(axis=1) - height
+    near = direction.any(axis=1) & (ds < 3e-3)  # what is far is not searched again when it moves a little
+    assert near.sum() > 5
+    np.testing.assert_allclose(above[near], ds[near] - 1e-3, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(direction[near], axis=1), 1.0, atol=1e-4)
+
+
 def test_small_and_whole_solve_agree():
     V, _ = sheet(0.21)
     small, _ = run(V, sizes=(0.15, 0.8), rings=2)

@@ -15,12 +15,12 @@ from garment_jax.config import RolloutConfig
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.geometry.extension import smooth_extension
+from garment_jax.geometry.strain_limit import make_strain_limit
 from garment_jax.rollout.animate import animate, animate_file, training_range
 from garment_jax.rollout.attachment import REACH
 from garment_jax.rollout.edge_lengths import make_length_restorer
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.strain_limit import make_strain_limit
 from garment_jax.structs import Motion, Scene
 from tests.reference.scene import make_motion, make_scene, write_clip
 from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, inputs_of, template, tiny_model

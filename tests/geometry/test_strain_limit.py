@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.evaluation.cloth import rest_lengths
-from garment_jax.geometry.topology import unique_edges
-from garment_jax.rollout.strain_limit import (
+from garment_jax.geometry.strain_limit import (
     SHARE,
     SOFT,
     STRETCH,
@@ -15,6 +14,7 @@ from garment_jax.rollout.strain_limit import (
     make_strain_tables,
     strain_limited,
 )
+from garment_jax.geometry.topology import unique_edges
 from garment_jax.structs import Garment
 from tests.reference.scene import make_scene
 
@@ -72,7 +72,7 @@ def test_a_garment_pulled_out_or_crumpled_comes_back_and_the_pins_stay():
 
 
 def test_an_iteration_is_the_one_of_an_edge_by_edge_loop(monkeypatch):
-    monkeypatch.setattr("garment_jax.rollout.strain_limit.ITERATIONS", 1)
+    monkeypatch.setattr("garment_jax.geometry.strain_limit.ITERATIONS", 1)
     V = (T * [1.0, 1.5, 0.6]).astype(np.float32)
     out, steps = jax.jit(lambda V, tables: strain_limited(V, tables))(
         jnp.asarray(V), make_strain_tables(GARMENT, PINS)
