@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from garment_jax.collision.projection import initial_state
-from garment_jax.collision.result import CollisionState
+from garment_jax.collision.result import CollisionState, Outcome
 from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
 from garment_jax.collision.solver import CollisionOptions, resolve_collisions
+from garment_jax.collision.standing import Standing, calmed, kept_part, nobody_stands, standing_frames, stood
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.collision.tightening import resolve_unstretched
 from garment_jax.geometry.strain_limit import StrainTables
@@ -30,6 +31,7 @@ class Carry(NamedTuple):
     state: CollisionState
     correction: jax.Array  # [n, 3] metres, root frame, of the last frame
     begun: jax.Array  # [] bool: there was a last frame
+    standing: Standing
     sides: SideState | None = None  # where limbs are followed
 
 
@@ -57,7 +59,8 @@ def first_carry(
 ) -> Carry:
     """Return what goes before the first frame: garment, collider and, if followed, `bones` (metres)."""
     sides = None if bones is None else first_sides(V, bones)
-    return Carry(initial_state(V, collider, tables.surface), jnp.zeros_like(V), jnp.array(False), sides)
+    state, standing = initial_state(V, collider, tables.surface), nobody_stands(V, collider)
+    return Carry(state, jnp.zeros_like(V), jnp.array(False), standing, sides)
 
 
 def make_resolver(
@@ -76,6 +79,19 @@ def make_resolver(
     Metres, root frames. One `k` compiles once: pad the last stretch.
     """
 
+    def sides_kept(carry: Carry, v: jax.Array, ends: jax.Array | None, kept, part):
+        def stands():
+            return v + part * carry.standing.correction, carry.sides, carry.standing.pierced
+
+        def goes_on():
+            if sides is None:
+                return v, carry.sides, jnp.int32(0)
+            assert carry.sides is not None
+            free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
+            return keep_sides(v, ends, free, carry.sides, sides)
+
+        return jax.lax.cond(kept, stands, goes_on)
+
     @jax.jit
     def resolve(
         carry: Carry,
@@ -86,12 +102,9 @@ def make_resolver(
     ):
         def frame(carry: Carry, inputs):
             v, pinned, c, ends = inputs
-            positions = None if pins is None else pinned
-            held, following, pierced = v, carry.sides, jnp.int32(0)
-            if sides is not None:
-                assert carry.sides is not None
-                free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
-                held, following, pierced = keep_sides(v, ends, free, carry.sides, sides)
+            standing, frames = carry.standing, standing_frames(carry.standing, c)
+            kept, part = kept_part(standing, v, frames)
+            held, sided, pierced = sides_kept(carry, v, ends, kept, part)
             call = partial(
                 resolve_collisions
                 if strain is None
@@ -100,23 +113,36 @@ def make_resolver(
                 pins=pins,
                 options=options,
             )
-            result, state = call(held, c, carry.state, pin_positions=positions)
+            before = carry.state.correction
+            begun = carry.state._replace(correction=jnp.where(kept, 0.0, before))
+            result, state = call(held, c, begun, pin_positions=None if pins is None else pinned)
+            state = state._replace(correction=jnp.where(kept, before, state.correction))
+            result, state = calmed(result, state, held, kept)
             correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
             correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
-            if following is not None:
-                following = after_collisions(following, result.V, correction, pierced > 0)
+            if sided is not None:
+                sided = after_collisions(sided, result.V, correction, (pierced > 0) & ~kept)
             change = jnp.sqrt(((correction - carry.correction) ** 2).sum(axis=-1).max())
+            deepest, penetrating, outcome = result.deepest_before, result.penetrating_before, result.outcome
+            # what is inside for ever is pushed anew in every frame, not ever farther
+            inside = kept & (result.outcome == Outcome.STILL_INSIDE)
+            lasting = jnp.where(inside, held - v, correction)
+            found = Standing(v, lasting, c, frames, deepest, penetrating, outcome, pierced)
+            standing = stood(standing, found, kept)
+            # a correction that is kept needs nothing more, and is what it was found as
+            nothing = kept & (outcome == Outcome.NOTHING_TO_DO)
+            outcome = jnp.where(nothing, jnp.minimum(standing.outcome, Outcome.STEPS_SPENT), outcome)
             figures = FrameFigures(
-                result.deepest_before,
+                standing.deepest,
                 result.deepest_after,
-                result.penetrating_before,
+                standing.penetrating,
                 result.penetrating_after,
                 result.steps,
-                result.outcome,
+                outcome,
                 pierced,
                 jnp.where(carry.begun, change, 0.0),
             )
-            return Carry(state, correction, jnp.array(True), following), (result.V, figures)
+            return Carry(state, correction, jnp.array(True), standing, sided), (result.V, figures)
 
         carry, (V, figures) = jax.lax.scan(frame, carry, (V, pin_positions, collider, bones))
         return carry, V, figures

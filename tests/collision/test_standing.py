@@ -1,0 +1,119 @@
+"""A standing body: its cloth comes to rest, goes with its prediction, and is resolved anew when it moves."""
+
+from functools import lru_cache
+
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.collision import CollisionOptions, Outcome
+from garment_jax.collision.sequence import first_carry, make_resolver
+from garment_jax.collision.standing import FORGET, SETTLE
+from garment_jax.geometry.closest_point import closest_point_exact
+from tests.collision.cloth import sheet, tables
+
+PINS = np.array([0, 23, 552, 575], np.int32)
+OPTIONS = CollisionOptions(eps=4e-3, iterations=10)  # too few: each frame goes on where the last one ended
+SUNK = 0.2  # metres: the bumpy surface ends below 0.4
+FRAMES = SETTLE + 6
+KEPT = SETTLE  # the first frame that keeps the correction
+
+
+@lru_cache
+def resolver():
+    return make_resolver(tables()[0], pins=PINS, options=OPTIONS)
+
+
+def resolved(V: np.ndarray, collider: np.ndarray):
+    carry = first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables()[0])
+    _, out, figures = resolver()(carry, jnp.asarray(V), jnp.asarray(V[:, PINS]), jnp.asarray(collider))
+    return np.asarray(out), figures
+
+
+def held() -> tuple[np.ndarray, np.ndarray]:
+    """Return a sheet sunk into a body that stands, both the same in every frame."""
+    return np.repeat(sheet(SUNK)[0][None], FRAMES, 0), np.repeat(tables()[1][None], FRAMES, 0)
+
+
+def moves(V: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(np.diff(V, axis=0), axis=-1).max(axis=1)
+
+
+def test_cloth_on_a_standing_body_comes_to_rest_outside():
+    V, figures = resolved(*held())
+    assert moves(V)[: SETTLE - 1].min() > 1e-5  # it had not come to rest by itself
+    np.testing.assert_array_equal(V[KEPT:], np.repeat(V[KEPT - 1 : KEPT], FRAMES - KEPT, 0))
+    distance = closest_point_exact(jnp.asarray(V[-1]), jnp.asarray(tables()[1]), tables()[0].surface).ds
+    free = np.setdiff1d(np.arange(len(V[0])), PINS)
+    assert np.asarray(distance)[free].min() > 0.9 * OPTIONS.eps
+    assert (figures.steps[KEPT:] == 0).all()
+    assert (figures.pop[KEPT:] == 0).all()
+
+
+def test_a_kept_frame_says_what_its_correction_was_found_as():
+    _, figures = resolved(*held())
+    assert figures.penetrating_before[KEPT - 1] > 0
+    for kept in (figures.penetrating_before, figures.deepest_before, figures.outcome):
+        assert (np.asarray(kept[KEPT:]) == kept[KEPT - 1]).all()
+    assert (figures.penetrating_after == 0).all()
+
+
+def test_kept_cloth_goes_with_its_prediction_and_the_correction_fades_with_its_way():
+    V_f, body = held()
+    step = np.float32(0.01)
+    V_f[KEPT:, :, 1] += step * np.arange(FRAMES - KEPT, dtype=np.float32)[:, None]
+    V, _ = resolved(V_f, body)
+    free = np.setdiff1d(np.arange(len(V[0])), PINS)
+    before = (V - V_f)[KEPT - 1, free]
+    assert np.linalg.norm(before, axis=-1).max() > 0.02
+    for moves in range(FRAMES - KEPT):
+        left = before * (1.0 - float(step) / FORGET) ** moves
+        np.testing.assert_allclose((V - V_f)[KEPT + moves, free], left, atol=1e-6)
+
+
+def test_kept_cloth_that_sinks_is_pushed_out():
+    V_f, body = held()
+    V_f[KEPT:, :, 1] -= np.float32(0.01) * np.arange(FRAMES - KEPT, dtype=np.float32)[:, None]
+    _, figures = resolved(V_f, body)
+    assert (figures.steps[KEPT + 1 :] > 0).all()
+    assert (figures.penetrating_after == 0).all()
+
+
+def test_a_prediction_that_leaps_is_resolved_as_any_other():
+    V_f, body = held()
+    V_f[-1, 100, 1] += np.float32(1.1 * FORGET)
+    _, figures = resolved(V_f, body)
+    assert figures.steps[-2] == 0
+    assert figures.steps[-1] > 0
+
+
+def test_a_body_that_moves_is_resolved_as_any_other():
+    V_f, body = held()
+    body[-1, :, 1] += 1e-3
+    _, figures = resolved(V_f, body)
+    assert figures.steps[-2] == 0
+    assert figures.steps[-1] > 0
+
+
+def test_a_body_that_creeps_does_not_stand():
+    V_f, body = held()
+    body[:, :, 1] += np.arange(FRAMES, dtype=np.float32)[:, None] * 5e-5
+    _, figures = resolved(V_f, body)
+    assert (np.asarray(figures.steps)[1:] > 0).all()
+
+
+def test_a_frame_with_a_nan_is_left_alone_and_forgotten():
+    V_f, body = held()
+    V_f[KEPT + 1, 7] = np.nan
+    V, figures = resolved(V_f, body)
+    assert figures.outcome[KEPT + 1] == Outcome.NOT_FINITE
+    others = np.delete(np.arange(FRAMES), KEPT + 1)
+    assert np.isfinite(V[others]).all()
+    assert (np.asarray(figures.penetrating_after)[others] == 0).all()
+
+
+def test_cloth_without_contact_comes_back_bitwise():
+    V_f, body = held()
+    V_f = V_f + np.float32(1.0) + np.arange(FRAMES, dtype=np.float32)[:, None, None] * np.float32(1e-4)
+    V, figures = resolved(V_f, body)
+    np.testing.assert_array_equal(V, V_f)
+    assert (figures.outcome == Outcome.NOTHING_TO_DO).all()
