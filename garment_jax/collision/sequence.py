@@ -87,6 +87,7 @@ def make_resolver(
             if sides is None:
                 return v, carry.sides, jnp.int32(0)
             assert carry.sides is not None
+            assert ends is not None
             free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
             return keep_sides(v, ends, free, carry.sides, sides)
 
