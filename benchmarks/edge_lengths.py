@@ -1,9 +1,10 @@
 """What bringing edges back to their lengths does: error, folds, strain, and milliseconds a frame.
 
     python infer.py models/skirt --motion CLIP.h5 --out RAW/CLIP.h5 --no-lengths --no-collision
-    python benchmarks/edge_lengths.py RAW data/skirt/test [--json docs/figures/edge_lengths.json]
+    python benchmarks/edge_lengths.py RAW TRUTH... [--thickness M] [--crushed C] [--json FILE]
 
-`RAW` holds rollouts without it, under the clips' names. Chunks of 32 frames; the best of three runs is timed.
+`RAW` holds rollouts without it, under the names of clips in the folders `TRUTH`; the last row is their mean.
+Chunks of 32 frames; the best of three runs is timed. The options are the step's constants of these names.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.cloth import edge_strain, laplacian_power, make_spectrum, rest_lengths
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.rollout.edge_lengths import make_length_restorer
+from garment_jax.rollout import edge_lengths
 
 CHUNK = 32
 EVERY = 3  # frames between two that are judged
@@ -44,20 +45,28 @@ def restored(begin, V: np.ndarray) -> tuple[np.ndarray, float]:
     return np.concatenate(out)[: len(V)], 1e3 * min(times) / len(V)
 
 
+def truth_of(path: Path, folders: list[Path]) -> Path:
+    """Return the clip of that name."""
+    return next(folder / path.name for folder in folders if (folder / path.name).exists())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("raw", type=Path)
-    parser.add_argument("truth", type=Path)
+    parser.add_argument("truth", type=Path, nargs="+")
+    parser.add_argument("--thickness", type=float, default=edge_lengths.THICKNESS, help="metres")
+    parser.add_argument("--crushed", type=float, default=edge_lengths.CRUSHED)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    edge_lengths.THICKNESS, edge_lengths.CRUSHED = options.thickness, options.crushed
     rows = []
     for path in sorted(options.raw.glob("*.h5")):
-        with open_sequence(path) as clip, open_sequence(options.truth / path.name) as true:
+        with open_sequence(path) as clip, open_sequence(truth_of(path, options.truth)) as true:
             scene, V, V_star = clip.scene, rooted(clip), rooted(true)
         garment = scene.garment
         pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
         table = uniform_table(garment.faces, V.shape[1])
-        out, ms = restored(make_length_restorer(garment.template, table, pins, chunk=CHUNK), V)
+        out, ms = restored(edge_lengths.make_length_restorer(garment.template, table, pins, chunk=CHUNK), V)
         edges, spectrum = unique_edges(garment.faces), make_spectrum(garment.faces, V.shape[1])
         rest = rest_lengths(garment.template, edges)
         power = laplacian_power(V_star[::EVERY], spectrum).mean()
@@ -72,7 +81,10 @@ def main() -> None:
                 f"99th % {name}": round(float(np.percentile(strain, 99)), 1),
             }
         rows.append({**row, "ms": ms})
-    report(rows, title="Edges brought back to their lengths", facts={}, json_path=options.json)
+    means = {k: round(float(np.mean([row[k] for row in rows])), 3) for k in rows[0] if k != "clip"}
+    facts = {"thickness m": options.thickness, "crushed": options.crushed}
+    rows.append({"clip": "mean", **means})
+    report(rows, title="Edges brought back to their lengths", facts=facts, json_path=options.json)
 
 
 if __name__ == "__main__":
