@@ -29,16 +29,17 @@ def smoothstep(u: np.ndarray) -> np.ndarray:
     return u * u * (3.0 - 2.0 * u)
 
 
-def into_first_pose(motion: Motion, share: np.ndarray) -> Motion:
+def into_first_pose(motion: Motion, share: np.ndarray, *, yaw: float | None = None) -> Motion:
     """Return frames between the canonical pose (`share` 0) and the first (1), `share` `[k]`; float64.
 
-    The root stands still at the first frame's position and heading: only the pose moves. Joints turn
-    along the shortest arc (slerp of world rotations).
+    The root stands still at the first frame's position, and the canonical pose has its heading, or `yaw`
+    (radians). Joints turn along the shortest arc (slerp of world rotations).
     """
     from scipy.spatial.transform import Rotation, Slerp  # half a second, which few motions need
 
     first = motion.rotations[0].astype(np.float64)
-    canonical = np.repeat(yaw_matrix(heading(first[:1])), len(first), axis=0)
+    turned = yaw_matrix(heading(first[:1]) if yaw is None else np.array([yaw]))
+    canonical = np.repeat(turned, len(first), axis=0)
     rotations = np.zeros((len(share), *first.shape))
     if len(share):
         for j in range(len(first)):

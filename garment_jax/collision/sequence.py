@@ -17,7 +17,7 @@ from garment_jax.collision.projection import initial_state
 from garment_jax.collision.result import CollisionState, Outcome
 from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
 from garment_jax.collision.solver import CollisionOptions, resolve_collisions
-from garment_jax.collision.standing import Standing, calmed, kept_part, nobody_stands, standing_frames, stood
+from garment_jax.collision.standing import Standing, calmed, keeps, nobody_stands, standing_frames, stood
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.collision.tightening import resolve_unstretched
 from garment_jax.geometry.strain_limit import StrainTables
@@ -79,9 +79,9 @@ def make_resolver(
     Metres, root frames. One `k` compiles once: pad the last stretch.
     """
 
-    def sides_kept(carry: Carry, v: jax.Array, ends: jax.Array | None, kept, part):
+    def sides_kept(carry: Carry, v: jax.Array, ends: jax.Array | None, kept: jax.Array):
         def stands():
-            return v + part * carry.standing.correction, carry.sides, carry.standing.pierced
+            return v + carry.standing.correction, carry.sides, carry.standing.pierced
 
         def goes_on():
             if sides is None:
@@ -104,8 +104,8 @@ def make_resolver(
         def frame(carry: Carry, inputs):
             v, pinned, c, ends = inputs
             standing, frames = carry.standing, standing_frames(carry.standing, c)
-            kept, part = kept_part(standing, v, frames)
-            held, sided, pierced = sides_kept(carry, v, ends, kept, part)
+            kept = keeps(standing, v, frames)
+            held, sided, pierced = sides_kept(carry, v, ends, kept)
             call = partial(
                 resolve_collisions
                 if strain is None

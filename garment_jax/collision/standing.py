@@ -1,8 +1,9 @@
-"""A body that stands still: the cloth keeps what its contacts have made of it, and follows its prediction.
+"""A body that stands still: hanging cloth keeps what its contacts have made of it.
 
 Every frame the solver starts from the last answer and ends where its steps run out, so that where parts of
 the body cross each other, or cloth is caught, the garment trembles by up to centimetres for ever. Simulated
-cloth does not: once the body stands, its correction may stand, too. Not in the paper.
+cloth does not: once the body and the prediction have come to rest, the correction may rest, too. Not in the
+paper.
 """
 
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from garment_jax.collision.result import CollisionResult, CollisionState, Outcom
 
 STILL = 1e-4  # metres: a body whose vertices stay within this of where they were stands
 SETTLE = 15  # frames of a standing body that are resolved as any other: folds come to rest
-FORGET = 1.0  # metres: of a prediction that moves by this a frame nothing of the correction is kept
+QUIET = 1e-3  # metres a frame: a prediction whose vertices all move by less hangs
 
 
 class Standing(NamedTuple):
@@ -43,18 +44,13 @@ def standing_frames(standing: Standing, collider: Float[Array, "c 3"]) -> Int[Ar
     return jnp.where(stands, standing.frames + 1, 0)
 
 
-def kept_part(
-    standing: Standing, V_f: Float[Array, "n 3"], frames: Int[Array, ""]
-) -> tuple[Bool[Array, ""], Float[Array, ""]]:
-    """Return whether a frame keeps the correction of the last one, and how much of it, 0 to 1.
+def keeps(standing: Standing, V_f: Float[Array, "n 3"], frames: Int[Array, ""]) -> Bool[Array, ""]:
+    """Return whether a frame keeps the correction of the last one: the body stands, and the cloth hangs.
 
-    The body must stand. What the prediction moves by, by so much of `FORGET` the correction fades: cloth that
-    is swinging back leaves it behind in the end, cloth that hangs keeps it to the bit. A frame with a NaN
-    keeps nothing.
+    `V_f` is the frame's prediction (metres, root frame). One with a NaN keeps nothing.
     """
     way = jnp.sqrt(jnp.square(V_f - standing.V_f).sum(axis=-1).max())
-    kept = (frames > SETTLE) & (way < FORGET)
-    return kept, jnp.where(kept, 1.0 - way / FORGET, 0.0)
+    return (frames > SETTLE) & (way < QUIET)
 
 
 def stood(standing: Standing, found: Standing, kept: Bool[Array, ""]) -> Standing:

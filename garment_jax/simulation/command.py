@@ -130,9 +130,17 @@ def check_same_cloth(clip: Sequence, settings: ClothSettings) -> None:
     said = clip.attributes.get("settings")
     if clip.attributes.get("engine") != ENGINE or said is None or str(said) == settings.describe():
         return
-    theirs, ours = str(said).split(", "), settings.describe().split(", ")
-    odd = [f"{a} there and {b} here" for a, b in zip(theirs, ours, strict=False) if a != b]
-    raise ValueError(f"{clip.path} was simulated with other cloth ({odd[0]}); give its own with --cloth.")
+    # a setting that came later was at its default
+    theirs = _described(ClothSettings().describe()) | _described(str(said))
+    ours = _described(settings.describe())
+    odd = [f"{key} {theirs[key]} there and {ours[key]} here" for key in ours if theirs[key] != ours[key]]
+    if odd:
+        raise ValueError(f"{clip.path} was simulated with other cloth ({odd[0]}); give its own with --cloth.")
+
+
+def _described(settings: str) -> dict[str, str]:
+    """Return the settings that `ClothSettings.describe` put into a line, by name."""
+    return dict(part.split(" ", 1) for part in settings.split(", ") if " " in part)
 
 
 def check_frames(frames: int) -> None:

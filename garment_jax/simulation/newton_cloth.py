@@ -71,7 +71,7 @@ def simulate_frames(
     skip = max(settings.settle - 1, 0)  # the last settled frame is where the drape stands
     rotations = np.concatenate([before.rotations[skip:], motion.rotations])
     whole = Motion(rotations, np.concatenate([before.root[skip:], motion.root]), motion.fps)
-    state = to_world(drape, whole.root[0], float(heading(motion.rotations[:1, 0])[0]))
+    state = to_world(drape, whole.root[0], float(heading(whole.rotations[:1, 0])[0]))
     frames = NewtonCloth(scene, settings, flat).frames(whole, state)
     return _from(frames, len(whole.root) - len(motion.root), len(whole.root), progress)
 
@@ -199,8 +199,8 @@ def _build(garment: Garment, settings: ClothSettings, flat: np.ndarray | None) -
         panel_verts=panels.tolist(),
         panel_indices=faces.ravel().tolist(),
         tri_aniso_ke=wp.vec3(settings.stretch, settings.stretch, settings.shear),
-        # between 0.9 (at 22 degrees to the threads) and 1.03 times `bend`
-        edge_aniso_ke=wp.vec3(settings.bend, settings.bend, settings.bend),
+        # an edge's: bend (sin^12 + cos^12) + bend_bias (sin 2a)^2, a being its angle to the threads
+        edge_aniso_ke=wp.vec3(settings.bend, settings.bend, settings.bend_bias),
         particle_radius=settings.particle_radius,
     )
     builder.add_shape_sphere(body=-1, cfg=newton.ModelBuilder.ShapeConfig(mu=settings.friction))

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 
-_MAY_BE_ZERO = {"shear", "bend", "gravity", "friction", "contact_damping", "air_density", "drag"}
+_MAY_BE_ZERO = {"shear", "bend", "bend_bias", "gravity", "friction", "contact_damping", "air_density", "drag"}
 _MAY_BE_ZERO |= {"settle", "blend", "hold"}
 
 
@@ -22,7 +22,8 @@ class ClothSettings:
     linear_iterations: int = 20  # conjugate-gradient iterations per non-linear one
     stretch: float = 1e3  # N/m, along both axes of the pattern
     shear: float = 1e2  # N/m
-    bend: float = 3e-4  # N m
+    bend: float = 3e-4  # N m, of folds along the threads
+    bend_bias: float = 3e-4  # N m, of folds at 45 degrees to them
     density: float = 0.2  # kg/m2
     gravity: float = 9.81  # m/s2, downwards
     contact_stiffness: float = 1e3  # N/m per vertex
@@ -38,6 +39,7 @@ class ClothSettings:
     settle: int = 45  # frames in the canonical pose, once per garment and body
     blend: int = 36  # frames from there to the clip's first pose
     hold: int = 12  # frames in the first pose, before the clip's first frame
+    turn_in: bool = False  # the blend turns the body from +Z, too, and begins at the canonical height
 
     def __post_init__(self) -> None:
         for field in fields(self):

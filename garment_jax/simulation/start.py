@@ -9,6 +9,8 @@ from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Motion, RiggedBody
 
+UP = 1  # Y
+
 
 class ClothState(NamedTuple):
     """A cloth at rest or in motion (plain arrays; root frame: the root at 0, heading +Z)."""
@@ -20,12 +22,19 @@ class ClothState(NamedTuple):
 def start_motion(motion: Motion, body: RiggedBody, settings: ClothSettings) -> Motion:
     """Return the frames before a clip's first: canonical pose, a smoothstep blend, the first pose.
 
-    `settings.settle + blend + hold` frames, as `into_first_pose`. Raises `ValueError` for a motion of
-    another body or frame rate.
+    `settings.settle + blend + hold` frames, as `into_first_pose`; with `settings.turn_in` the body turns to
+    its first heading meanwhile, from +Z, and moves from the canonical height to its own, which leaves other
+    folds. Raises `ValueError` for a motion of another body or frame rate.
     """
     check_motion(motion, body, settings)
     u = smoothstep((np.arange(settings.blend) + 1.0) / max(settings.blend, 1))
-    return into_first_pose(motion, np.concatenate([np.zeros(settings.settle), u, np.ones(settings.hold)]))
+    share = np.concatenate([np.zeros(settings.settle), u, np.ones(settings.hold)])
+    if not settings.turn_in:
+        return into_first_pose(motion, share)
+    before = into_first_pose(motion, share, yaw=0.0)
+    root = before.root.astype(np.float64)
+    root[:, UP] += (1.0 - share) * (body.joints[0, UP] - root[:, UP])
+    return before._replace(root=root)
 
 
 def canonical_motion(body: RiggedBody, frames: int, fps: float) -> Motion:

@@ -7,7 +7,7 @@ import numpy as np
 
 from garment_jax.collision import CollisionOptions, Outcome
 from garment_jax.collision.sequence import first_carry, make_resolver
-from garment_jax.collision.standing import FORGET, SETTLE
+from garment_jax.collision.standing import QUIET, SETTLE
 from garment_jax.geometry.closest_point import closest_point_exact
 from tests.collision.cloth import sheet, tables
 
@@ -57,33 +57,33 @@ def test_a_kept_frame_says_what_its_correction_was_found_as():
     assert (figures.penetrating_after == 0).all()
 
 
-def test_kept_cloth_goes_with_its_prediction_and_the_correction_fades_with_its_way():
-    V_f, body = held()
-    step = np.float32(0.01)
-    V_f[KEPT:, :, 1] += step * np.arange(FRAMES - KEPT, dtype=np.float32)[:, None]
-    V, _ = resolved(V_f, body)
+def creeping(way: float) -> np.ndarray:
+    """Return the sheet's frames, moving by `way` metres a frame (negative: deeper) once they are kept."""
+    V_f = held()[0]
+    V_f[KEPT:, :, 1] += np.float32(way) * np.arange(FRAMES - KEPT, dtype=np.float32)[:, None]
+    return V_f
+
+
+def test_kept_cloth_goes_with_its_prediction():
+    V_f = creeping(0.5 * QUIET)
+    V, _ = resolved(V_f, held()[1])
     free = np.setdiff1d(np.arange(len(V[0])), PINS)
-    before = (V - V_f)[KEPT - 1, free]
-    assert np.linalg.norm(before, axis=-1).max() > 0.02
-    for moves in range(FRAMES - KEPT):
-        left = before * (1.0 - float(step) / FORGET) ** moves
-        np.testing.assert_allclose((V - V_f)[KEPT + moves, free], left, atol=1e-6)
+    correction = (V - V_f)[:, free]
+    assert np.linalg.norm(correction[KEPT], axis=-1).max() > 0.02
+    np.testing.assert_allclose(correction[KEPT:], np.repeat(correction[KEPT : KEPT + 1], 6, 0), atol=1e-6)
 
 
 def test_kept_cloth_that_sinks_is_pushed_out():
-    V_f, body = held()
-    V_f[KEPT:, :, 1] -= np.float32(0.01) * np.arange(FRAMES - KEPT, dtype=np.float32)[:, None]
-    _, figures = resolved(V_f, body)
-    assert (figures.steps[KEPT + 1 :] > 0).all()
+    _, figures = resolved(creeping(-0.9 * QUIET), held()[1])
+    assert (figures.steps[KEPT + 1 :] > 0).any()
     assert (figures.penetrating_after == 0).all()
 
 
-def test_a_prediction_that_leaps_is_resolved_as_any_other():
-    V_f, body = held()
-    V_f[-1, 100, 1] += np.float32(1.1 * FORGET)
+def test_cloth_that_swings_is_resolved_as_any_other():
+    V_f, body = creeping(1.1 * QUIET), held()[1]
     _, figures = resolved(V_f, body)
-    assert figures.steps[-2] == 0
-    assert figures.steps[-1] > 0
+    assert figures.steps[KEPT] == 0
+    assert (figures.steps[KEPT + 1 :] > 0).all()
 
 
 def test_a_body_that_moves_is_resolved_as_any_other():

@@ -23,7 +23,7 @@ def test_no_number_is_refused():
         ClothSettings(bend=float("nan"))
 
 
-@pytest.mark.parametrize("name", ["bend", "friction", "settle", "blend", "hold", "drag"])
+@pytest.mark.parametrize("name", ["bend", "bend_bias", "friction", "settle", "blend", "hold", "drag"])
 def test_what_may_be_nothing_may_not_be_negative(name: str):
     assert getattr(ClothSettings(**{name: 0}), name) == 0
     with pytest.raises(ValueError, match=f"{name}=-1 must be 0 or more"):

@@ -22,6 +22,20 @@ def test_it_settles_blends_and_holds_where_the_clip_begins():
     np.testing.assert_array_equal(start.root, np.repeat(MOTION.root[:1], 12, axis=0))
 
 
+def test_it_turns_in_from_the_canonical_heading_and_height():
+    start = start_motion(MOTION, SCENE.body, ClothSettings(settle=4, blend=5, hold=3, turn_in=True))
+    np.testing.assert_allclose(start.rotations[:4], np.tile(np.eye(3), (4, 22, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(start.rotations[8:], np.tile(MOTION.rotations[0], (4, 1, 1, 1)), atol=1e-6)
+    np.testing.assert_array_equal(start.root[:, [0, 2]], np.repeat(MOTION.root[:1, [0, 2]], 12, axis=0))
+    np.testing.assert_allclose(start.root[:4, 1], SCENE.body.joints[0, 1], atol=1e-7)
+    np.testing.assert_allclose(start.root[8:, 1], MOTION.root[0, 1], atol=1e-7)
+    middle = 0.5 * (SCENE.body.joints[0, 1] + MOTION.root[0, 1])
+    half = start_motion(MOTION, SCENE.body, ClothSettings(settle=0, blend=2, hold=0, turn_in=True))
+    np.testing.assert_allclose(half.root[0, 1], middle, atol=1e-7)
+    turned = heading(half.rotations[:, 0])  # slerp of the root: half of its turn half-way
+    np.testing.assert_allclose(turned[0], 0.5 * turned[1], atol=0.05)
+
+
 def test_the_blend_begins_and_ends_slowly():
     start = start_motion(MOTION, SCENE.body, ClothSettings(settle=1, blend=20, hold=1)).rotations
     j = SCENE.body.joint_names.index("LeftLeg")

@@ -108,3 +108,12 @@ def test_clips_of_other_cloth_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match=r"waltz\.h5 was simulated with other cloth \(bend .* there"):
         varied_jobs([tmp_path], copies=1, seed=0, settings=settings)
     assert varied_jobs([tmp_path], copies=1, seed=0, settings=said)[1]
+
+
+def test_settings_that_came_later_are_at_their_defaults_in_older_clips(tmp_path: Path):
+    settings = ClothSettings()
+    before = ", ".join(part for part in settings.describe().split(", ") if "bend_bias" not in part)
+    write_clip(tmp_path / "waltz.h5", 20, attributes={"engine": ENGINE, "settings": before})
+    assert varied_jobs([tmp_path], copies=1, seed=0, settings=settings)[1]
+    with pytest.raises(ValueError, match=r"other cloth \(bend_bias 0\.0003 there and 0\.0001 here"):
+        varied_jobs([tmp_path], copies=1, seed=0, settings=replace(settings, bend_bias=1e-4))
