@@ -168,6 +168,7 @@ class BaselinesConfig:
 @dataclass(frozen=True)
 class TrainingConfig:
     seed: int = 0
+    begin_from: str = ""  # folder of a saved model that stages 1 to 3 go on from; "": fresh parameters
     optimiser: Literal["adamw", "adam_l2"] = "adamw"  # adam_l2: decay added to the gradient
     clip_norm: float = 1.0  # largest global gradient norm; 0 switches clipping off
     schedule: Literal["constant", "cosine"] = "cosine"
@@ -298,8 +299,8 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, dynamics, lengths) counts where it differs from the
-    defaults, so that older hashes hold.
+    What came later (baselines, decomposition, skin_reach, dynamics, lengths, begin_from) counts where it
+    differs from the defaults, so that older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
@@ -311,6 +312,8 @@ def content_hash(config: Config) -> str:
             del values["generative"][key]
     if config.rollout.lengths == RolloutConfig().lengths:
         del values["rollout"]["lengths"]
+    if not config.training.begin_from:
+        del values["training"]["begin_from"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -15,6 +15,7 @@ from garment_jax.rollout.clips import stack_motions
 from garment_jax.rollout.scan import latent_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, TrainState
+from garment_jax.training.begin_from import begun_from
 from garment_jax.training.codes import true_codes
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
@@ -48,6 +49,8 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
         params = init_players(
             jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
         )
+        if training.begin_from:
+            params["G"] = begun_from(training.begin_from, "detail", params["G"], key="training.begin_from")
         return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 6), jnp.int32(0))
 
     player = make_optimiser(

@@ -14,8 +14,8 @@ from garment_jax.dynamics.pose import BodyFrame, body_frames
 from garment_jax.dynamics.tables import make_dynamics_tables
 from garment_jax.dynamics.train_step import DynamicsBatch, make_dynamics_train_step
 from garment_jax.rollout.dynamics import make_dynamics_rollout, roll_clip
-from garment_jax.rollout.model import load_model
 from garment_jax.structs import TrainState
+from garment_jax.training.begin_from import begun_from
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise
 
@@ -37,7 +37,7 @@ def train_dynamics(run: Run) -> dict:
     def begin(optimiser) -> TrainState:
         params = init_dynamics(jax.random.key(seed + 7), tables, config=config)
         if config.begin_from:
-            params = begun_from(config.begin_from, params)
+            params = begun_from(config.begin_from, "dynamics", params, key="dynamics.begin_from")
         empty = jnp.zeros((config.lanes, n, 3))
         carry = DynamicsCarry(empty, empty + 0.0)
         return TrainState(params, optimiser.init(params), jax.random.key(seed + 8), jnp.int32(0), carry)
@@ -59,21 +59,6 @@ def train_dynamics(run: Run) -> dict:
         frames_per_step=config.lanes * config.window,
     )
     return state.params
-
-
-def begun_from(folder: str, fresh: dict) -> dict:
-    """Return the local dynamics of the saved model in `folder`, in the shapes of `fresh` parameters.
-
-    Raises `FileNotFoundError` or `ValueError` for a folder without a model, and for a model whose dynamics
-    have other shapes, or that has none.
-    """
-    found = load_model(folder, leave_out=("generative", "motion", "detail")).params.get("dynamics", {})
-    if jax.tree.map(jnp.shape, found) != jax.tree.map(jnp.shape, fresh):
-        raise ValueError(
-            f"dynamics.begin_from: the model in {folder} has no local dynamics of these widths and this "
-            "patch; take its [dynamics] values, or begin afresh."
-        )
-    return found
 
 
 def make_batch(run: Run, bodies: list[BodyFrame], lanes: LaneWindow) -> DynamicsBatch:

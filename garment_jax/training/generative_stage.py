@@ -13,6 +13,7 @@ from garment_jax.generative.network import decode, encode, init_generative
 from garment_jax.generative.principal import begin_linear
 from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.structs import FrameInput, TrainState
+from garment_jax.training.begin_from import begun_from
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, checkpointer, optimise, say
 
@@ -56,6 +57,8 @@ def begin_generative(run: Run) -> dict:
     """
     config = run.config.generative
     params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
+    if run.config.training.begin_from:
+        return begun_from(run.config.training.begin_from, "generative", params, key="training.begin_from")
     if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)

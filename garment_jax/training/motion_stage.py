@@ -29,6 +29,7 @@ from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import TrainState
+from garment_jax.training.begin_from import begun_from
 from garment_jax.training.codes import true_codes
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise
@@ -46,6 +47,8 @@ def train_motion(run: Run, generative: dict) -> dict:
         config=config,
         generative=run.config.generative,
     )
+    if run.config.training.begin_from:
+        params = begun_from(run.config.training.begin_from, "motion", params, key="training.begin_from")
     if config.warm_up_steps and run.config.generative.linear_skip:
         params = _warm_up(run, params, generative, Z)
     return _full_loop(run, params, generative, Z)

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -143,7 +144,7 @@ def test_local_dynamics_begin_from_a_saved_model(
     train(config, tmp_path / "run", data_dir=data_dir, stage="dynamics")
     jax.tree.map(np.testing.assert_array_equal, begun[0].params, dynamic_model().params["dynamics"])
     wide = replace(config, dynamics=replace(config.dynamics, channels=(6, 12)))
-    with pytest.raises(ValueError, match="has no local dynamics of these widths"):
+    with pytest.raises(ValueError, match="has no dynamics parameters of these shapes"):
         train(wide, tmp_path / "wide", data_dir=data_dir, stage="dynamics")
     nowhere = replace(config, dynamics=replace(DYNAMICS, begin_from=str(tmp_path / "nowhere")))
     with pytest.raises(FileNotFoundError, match=r"nowhere holds no config\.toml"):
@@ -155,8 +156,40 @@ def test_local_dynamics_begin_from_a_saved_model(
     assert not (tmp_path / "odd").exists()
     codes = save_model(tiny_model(), tmp_path / "codes")
     without = replace(config, dynamics=replace(DYNAMICS, begin_from=str(codes)))
-    with pytest.raises(ValueError, match="has no local dynamics"):
+    with pytest.raises(ValueError, match="has no dynamics parameters"):
         train(without, tmp_path / "without", data_dir=data_dir, stage="dynamics")
+
+
+def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uninterrupted: Path):
+    """At next to no rate what comes out is what went in, by the same statistics."""
+    whole = trained_model(uninterrupted)
+    folder = save_model(whole, tmp_path / "model", bits=32)
+    still = {"learning_rate": 1e-12, "weight_decay": 0.0}
+    config = replace(
+        CONFIG,
+        generative=replace(CONFIG.generative, **still),
+        motion=replace(CONFIG.motion, warm_up_rate=1e-12, **still),
+        detail=replace(CONFIG.detail, **still),
+        training=replace(CONFIG.training, begin_from=str(folder)),
+    )
+    fewer = tmp_path / "fewer"  # clips that alone have other statistics
+    (fewer / "train").mkdir(parents=True)
+    for path in sorted((data_dir / "train").glob("*.h5"))[1:]:
+        (fewer / "train" / path.name).symlink_to(path)
+    again = trained_model(train(config, tmp_path / "run", data_dir=fewer))
+    jax.tree.map(partial(np.testing.assert_allclose, atol=1e-9), again.params, whole.params)
+    for known, found in zip(whole.statistics, again.statistics, strict=True):
+        np.testing.assert_allclose(found, known, rtol=1e-6)
+    wide = replace(config, motion=replace(config.motion, gru=2 * config.motion.gru))
+    with pytest.raises(ValueError, match="has no motion parameters of these shapes"):
+        train(wide, tmp_path / "wide", data_dir=fewer)
+    other = save_model(whole._replace(garment_hash="0123"), tmp_path / "other")
+    foreign = replace(config, training=replace(config.training, begin_from=str(other)))
+    with pytest.raises(ValueError, match="is of another garment"):
+        train(foreign, tmp_path / "foreign", data_dir=fewer)
+    save_model(whole._replace(statistics=tiny_model().statistics), folder)
+    with pytest.raises(ValueError, match="belongs to another run"):
+        train(config, tmp_path / "run", data_dir=fewer)
 
 
 def test_local_dynamics_of_no_steps_are_refused(tmp_path: Path, data_dir: Path):
