@@ -11,6 +11,11 @@ def add(commands) -> None:
     parser.add_argument("clips", type=Path, nargs="+", metavar="clip", help="simulated sequence file")
     parser.add_argument("--start", type=int, default=100, help="frame of the restart (default 100)")
     parser.add_argument("--frames", type=int, help="how many to simulate (default: to the end)")
+    parser.add_argument(
+        "--own-start",
+        action="store_true",
+        help="begin with the clip's own cloth and its speed: are the settings the clip's?",
+    )
     parser.add_argument("--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="as the clip's own")
     parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clip's own")
     parser.add_argument("--out", type=Path, help="also write one clip's second simulation, a sequence file")
@@ -45,7 +50,14 @@ def run(options: argparse.Namespace) -> None:
         with open_sequence(path) as clip:
             check_simulated(clip)
             check_same_cloth(clip, settings)
-            floor = floor_of(clip, settings, start=options.start, frames=options.frames, flat=flat)
+            floor = floor_of(
+                clip,
+                settings,
+                start=options.start,
+                frames=options.frames,
+                flat=flat,
+                own_start=options.own_start,
+            )
             if options.out is not None:
                 far = np.abs(floor.V - floor.motion.root[:, None]).max() > INT16_REACH
                 encoding = "float32" if far else "int16"

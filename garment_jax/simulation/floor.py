@@ -11,7 +11,7 @@ from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.rmse import rmse_per_frame
 from garment_jax.progress import FrameProgress
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.simulation.start import check_motion
+from garment_jax.simulation.start import ClothState, check_motion
 from garment_jax.structs import Motion
 
 
@@ -32,14 +32,22 @@ def floor_of(
     start: int = 100,
     frames: int | None = None,
     flat: np.ndarray | None = None,
+    own_start: bool = False,
 ) -> Floor:
     """Simulate frames `start …` of a simulated clip from the draped template; compare with the clip.
 
     `settings` and `flat` must be those that the clip was made with; from frame 0 the difference is then
-    the engine's own. Raises `ValueError` for a start outside the clip and for settings at another frame rate.
+    the engine's own. With `own_start` the cloth begins as it is in the clip, with its speed (a central
+    difference), so that the first frames tell whether they are. Raises `ValueError` for a start outside the
+    clip, or without a frame on either side, and for settings at another frame rate.
     """
-    from garment_jax.simulation.newton_cloth import drape, simulate_frames
+    from garment_jax.simulation.newton_cloth import NewtonCloth, drape, simulate_frames
 
+    if own_start and not 1 <= start < sequence.frames - 1:
+        raise ValueError(
+            f"--own-start needs a frame before and after --start {start} of {sequence.name}; choose one from "
+            f"1 to {sequence.frames - 2}."
+        )
     if not 0 <= start < sequence.frames:
         raise ValueError(
             f"--start {start} is not inside {sequence.name}, which has {sequence.frames} frames; choose a "
@@ -49,6 +57,12 @@ def floor_of(
     whole = sequence.motion
     motion = Motion(whole.rotations[start:stop], whole.root[start:stop], whole.fps)
     check_motion(motion, sequence.scene.body, settings, sequence.name)
+    if own_start:
+        before, now, after = sequence.read(start - 1, start + 2)
+        state = ClothState(now, 0.5 * whole.fps * (after - before))
+        again = NewtonCloth(sequence.scene, settings, flat).frames(motion, state)
+        V = np.stack([np.asarray(frame, np.float32) for frame in again])
+        return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)
     with FrameProgress("drape") as progress:
         draped = drape(sequence.scene, settings, flat=flat, progress=progress)
     with FrameProgress(sequence.name) as progress:
@@ -58,9 +72,10 @@ def floor_of(
 
 
 def summary(floor: Floor) -> dict[str, float | str | int]:
-    """Return the figures to report: RMSE in cm at the restart, after 25 frames, after 200 and at the end."""
+    """Return the figures: RMSE in cm at the restart, after 25 and 200 frames, at the end, over all."""
     error = floor.rmse_cm
     at = {0: "at_restart", 25: "after_25", 200: "after_200"}
     figures = {f"rmse_cm_{name}": float(error[t]) for t, name in at.items() if t < len(error)}
+    figures["rmse_cm_at_end"] = float(error[-1])
     whole = float(np.sqrt(np.square(error).mean()))
     return {"clip": floor.clip, "start": floor.start, **figures, "rmse_cm": whole}

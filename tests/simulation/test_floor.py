@@ -1,6 +1,7 @@
 """The predictability floor: nothing for a clip that forgets, a refusal for a restart outside it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,10 +44,30 @@ def test_frames_from_the_restart_on_are_compared(tmp_path: Path):
     np.testing.assert_array_equal(floor.motion.root, make_motion(make_scene(), 12).root[5:9])
 
 
+def test_the_clips_own_cloth_goes_on_as_it_did(tmp_path: Path):
+    pytest.importorskip("newton")
+    from garment_jax.simulation.clips import Job, simulate_clips
+    from garment_jax.simulation.screening import ScreenLimits
+
+    scene, motion = make_scene(), make_motion(make_scene(), 12)
+    anything = ScreenLimits(1e9, 1e9, 1e9, 1e9)
+    settings = ClothSettings(substeps=4, iterations=3, linear_iterations=10, settle=2, blend=1, hold=1)
+    path = simulate_clips(scene, [Job("clip", "train", motion)], tmp_path, settings, limits=anything)[0].path
+    assert path is not None
+    with open_sequence(path) as clip:
+        same = floor_of(clip, settings, start=3, frames=6, own_start=True).rmse_cm
+        other = replace(settings, gravity=2.0)
+        assert same[0] < 0.003  # what 16 bits round away
+        assert floor_of(clip, other, start=3, frames=6, own_start=True).rmse_cm[-1] > 3 * same[-1]
+        for start in (0, 11):
+            with pytest.raises(ValueError, match=f"a frame before and after --start {start} of clip"):
+                floor_of(clip, settings, start=start, own_start=True)
+
+
 def test_the_command_prints_a_list_that_the_benchmark_reads(tmp_path: Path, monkeypatch, capsys):
     clips = [str(write_clip(tmp_path / f"{name}.h5", 12)) for name in ("a", "b")]
 
-    def restart(clip, settings, *, start, frames, flat):
+    def restart(clip, settings, *, start, frames, flat, own_start):
         return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, np.zeros((3, 1, 3), np.float32))
 
     monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
@@ -72,7 +93,7 @@ def test_a_prediction_is_no_simulation_to_repeat_and_no_file_of_others_is_replac
 def test_the_second_simulation_says_what_it_is_and_may_be_written_again(tmp_path: Path, monkeypatch, capsys):
     clip, out = str(write_clip(tmp_path / "clip.h5", 3)), tmp_path / "again.h5"
 
-    def restart(clip, settings, *, start, frames, flat):
+    def restart(clip, settings, *, start, frames, flat, own_start):
         return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, clip.read(0, 3))
 
     monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
