@@ -30,7 +30,7 @@ def own_config(config: Config) -> Config:
         uv=config.uv,
         motion=motion,
         baselines=config.baselines,
-        training=config.training,
+        training=dataclasses.replace(config.training, begin_from=""),  # which is a model of ours
         rollout=config.rollout,
     )
 

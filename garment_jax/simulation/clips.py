@@ -175,7 +175,11 @@ def _check_folder(out: Path) -> None:
 def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.ndarray | None) -> str:
     """Return 16 hexadecimal digits of all that a simulated clip depends on."""
     digest = hashlib.sha256(scene_hash(scene).encode())
-    digest.update(json.dumps([asdict(settings), motion.fps], sort_keys=True).encode())
+    cloth, usual = asdict(settings), ClothSettings()
+    for key in ("bend_bias", "turn_in"):  # came later: older clips are kept
+        if cloth[key] == getattr(usual, key):
+            del cloth[key]
+    digest.update(json.dumps([cloth, motion.fps], sort_keys=True).encode())
     carried = [array for part in (scene.collider, scene.pins) if part is not None for array in part]
     for array in (motion.rotations, motion.root, flat, *carried):
         digest.update(b"" if array is None else np.ascontiguousarray(array, "<f4").tobytes())

@@ -45,8 +45,8 @@ def floor_of(
 
     if own_start and not 1 <= start < sequence.frames - 1:
         raise ValueError(
-            f"--own-start needs a frame before and after --start {start} of {sequence.name}; choose one from "
-            f"1 to {sequence.frames - 2}."
+            f"--own-start needs a frame before and after --start {start} of {sequence.name}, which has "
+            f"{sequence.frames} frames; choose another."
         )
     if not 0 <= start < sequence.frames:
         raise ValueError(
@@ -60,8 +60,12 @@ def floor_of(
     if own_start:
         before, now, after = sequence.read(start - 1, start + 2)
         state = ClothState(now, 0.5 * whole.fps * (after - before))
-        again = NewtonCloth(sequence.scene, settings, flat).frames(motion, state)
-        V = np.stack([np.asarray(frame, np.float32) for frame in again])
+        cloth, counted = NewtonCloth(sequence.scene, settings, flat), []
+        with FrameProgress(sequence.name) as progress:
+            for frame in cloth.frames(motion, state):
+                counted.append(np.asarray(frame, np.float32))
+                progress(len(counted), len(motion.root))
+        V = np.stack(counted)
         return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)
     with FrameProgress("drape") as progress:
         draped = drape(sequence.scene, settings, flat=flat, progress=progress)

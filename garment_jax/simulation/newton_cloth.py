@@ -199,8 +199,8 @@ def _build(garment: Garment, settings: ClothSettings, flat: np.ndarray | None) -
         panel_verts=panels.tolist(),
         panel_indices=faces.ravel().tolist(),
         tri_aniso_ke=wp.vec3(settings.stretch, settings.stretch, settings.shear),
-        # an edge's: bend (sin^12 + cos^12) + bend_bias (sin 2a)^2, a being its angle to the threads
-        edge_aniso_ke=wp.vec3(settings.bend, settings.bend, settings.bend_bias),
+        # an edge's: bend (sin^12 a + cos^12 a + bend_bias sin^2 2a), a being its angle to the threads
+        edge_aniso_ke=wp.vec3(settings.bend, settings.bend, settings.bend * settings.bend_bias),
         particle_radius=settings.particle_radius,
     )
     builder.add_shape_sphere(body=-1, cfg=newton.ModelBuilder.ShapeConfig(mu=settings.friction))

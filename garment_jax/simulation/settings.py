@@ -22,8 +22,8 @@ class ClothSettings:
     linear_iterations: int = 20  # conjugate-gradient iterations per non-linear one
     stretch: float = 1e3  # N/m, along both axes of the pattern
     shear: float = 1e2  # N/m
-    bend: float = 3e-4  # N m, of folds along the threads
-    bend_bias: float = 3e-4  # N m, of folds at 45 degrees to them
+    bend: float = 3e-4  # N m
+    bend_bias: float = 1.0  # of folds at 45 degrees to the threads, in parts of `bend`
     density: float = 0.2  # kg/m2
     gravity: float = 9.81  # m/s2, downwards
     contact_stiffness: float = 1e3  # N/m per vertex

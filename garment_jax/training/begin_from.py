@@ -1,15 +1,67 @@
 """Training that goes on from a saved model: its parameters in place of random ones, its statistics."""
 
 import hashlib
+from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
+from garment_jax.config import Config, to_dict
 from garment_jax.data.template import Statistics
-from garment_jax.rollout.model import load_model
+from garment_jax.rollout.model import load_model, model_facts
 
 PARTS = ("generative", "motion", "detail", "dynamics")
+# what shapes parameters, or decides what the statistics are of
+_ALIKE = {
+    "body": ("motion_joints",),
+    "uv": ("size",),
+    "generative": (
+        *("channels", "latent_dim", "part_dim", "rec_hidden", "rec_rank", "decomposition", "instance_norm"),
+        *("map_statistics", "skin_reach", "linear_skip"),
+    ),
+    "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
+    "detail": ("features", "code_features", "hidden", "vertex_code"),
+}
+
+
+class Beginning(NamedTuple):
+    """The saved model that a run goes on from."""
+
+    statistics: Statistics  # that it normalises by: its parameters mean nothing by other numbers
+    digest: str  # of its parameters, by which a run knows it again
+
+
+def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None:
+    """Return the model `training.begin_from`, or None where that is empty.
+
+    Raises `FileNotFoundError` or `ValueError` for a folder without a model, and `ValueError` for a model
+    of another garment than that with the hash `garment`, of another frame rate, of other networks or motion
+    features, or without a stage that is to be trained.
+    """
+    folder = config.training.begin_from
+    if not folder:
+        return None
+    model, parts = load_model(folder, leave_out=PARTS), model_facts(folder).parts
+    here, there = to_dict(config), to_dict(model.config)
+    pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
+    stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
+    for section in ("body", "uv", *stages):
+        pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in _ALIKE[section]]
+    for name, theirs, ours in pairs:
+        if theirs != ours:
+            raise ValueError(
+                f"training.begin_from: the model in {folder} has {name} = {theirs!r}, not {ours!r}; make "
+                "both alike, or begin afresh."
+            )
+    for stage in stages:
+        if stage not in parts:
+            raise ValueError(
+                f"training.begin_from: the model in {folder} has no {stage} stage; begin afresh"
+                f"{', or set detail.steps = 0' if stage == 'detail' else ''}."
+            )
+    digest = hashlib.sha256((Path(folder) / "parameters.npz").read_bytes()).hexdigest()[:16]
+    return Beginning(model.statistics, digest)
 
 
 def begun_from(folder: str, part: str, fresh: dict, *, key: str) -> dict:
@@ -26,26 +78,3 @@ def begun_from(folder: str, part: str, fresh: dict, *, key: str) -> dict:
             "values of its config.toml, or begin afresh."
         )
     return found
-
-
-def known_statistics(folder: str, garment: str) -> Statistics:
-    """Return what the saved model in `folder` normalises garments and motions by.
-
-    Its parameters mean nothing by other numbers. Raises as `begun_from`, and `ValueError` for a model of
-    another garment than that with the hash `garment`.
-    """
-    model = load_model(folder, leave_out=PARTS)
-    if model.garment_hash != garment:
-        raise ValueError(
-            f"training.begin_from: the model in {folder} is of another garment (hash {model.garment_hash}, "
-            f"not {garment}); name one of this garment, or begin afresh."
-        )
-    return model.statistics
-
-
-def statistics_hash(statistics: Statistics) -> str:
-    """Return 16 hexadecimal digits of the statistics, by which a run knows the model that it began from."""
-    digest = hashlib.sha256()
-    for x in statistics:
-        digest.update(np.ascontiguousarray(x, "<f4").tobytes())
-    return digest.hexdigest()[:16]

@@ -15,7 +15,7 @@ from garment_jax.data.prepared import DataSet, prepare, training_clips
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template, scene_template
-from garment_jax.training.begin_from import known_statistics, statistics_hash
+from garment_jax.training.begin_from import find_beginning
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
@@ -46,18 +46,18 @@ def open_run(
 
     `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
     `check` refuses data before the folder belongs to a configuration that does not fit them. Raises
-    `ValueError` for a folder that belongs to others.
+    `ValueError` for a folder that belongs to others, and as `find_beginning`.
     """
     folder = Path(folder)
     with open_sequence(training_clips(data_dir, config.data.validation)[0]) as first:
         facts = {"garment": garment_hash(first.scene.garment), **(more_facts or {})}
+        beginning = find_beginning(config, facts["garment"], first.fps)
+    if beginning is not None:  # the folder may hold another model tomorrow
+        facts["begin_from"] = beginning.digest
     check_run(folder, config, facts=facts)  # before another run's cache is written into
-    began = config.training.begin_from
-    statistics = known_statistics(began, facts["garment"]) if began else None
     data = prepare(data_dir, config, folder / "cache")
-    if statistics is not None:  # of the model as it is now: the folder may hold another one tomorrow
-        data = data._replace(statistics=statistics)
-        facts["statistics"] = statistics_hash(statistics)
+    if beginning is not None:
+        data = data._replace(statistics=beginning.statistics)
     if check is not None:
         check(data)
     prepare_run(folder, config, facts=facts | {"data": data.content})

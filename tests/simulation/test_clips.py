@@ -216,8 +216,10 @@ def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):
     others = [
         content_key(scene, motion._replace(root=motion.root + 1e-3), SETTINGS, None),
         content_key(scene, motion, replace(SETTINGS, bend=1e-4), None),
+        content_key(scene, motion, replace(SETTINGS, bend_bias=0.5), None),
+        content_key(scene, motion, replace(SETTINGS, turn_in=True), None),
         content_key(scene, motion, SETTINGS, scene.garment.uv),
         content_key(scene._replace(pins=None), motion, SETTINGS, None),
         content_key(scene._replace(collider=None), motion, SETTINGS, None),
     ]
-    assert len({base, *others}) == 6
+    assert len({base, *others}) == 8

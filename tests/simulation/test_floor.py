@@ -58,6 +58,9 @@ def test_the_clips_own_cloth_goes_on_as_it_did(tmp_path: Path):
         same = floor_of(clip, settings, start=3, frames=6, own_start=True).rmse_cm
         other = replace(settings, gravity=2.0)
         assert same[0] < 0.003  # what 16 bits round away
+        assert summary(floor_of(clip, settings, start=3, frames=6, own_start=True))[
+            "rmse_cm_at_end"
+        ] == pytest.approx(same[-1])
         assert floor_of(clip, other, start=3, frames=6, own_start=True).rmse_cm[-1] > 3 * same[-1]
         for start in (0, 11):
             with pytest.raises(ValueError, match=f"a frame before and after --start {start} of clip"):

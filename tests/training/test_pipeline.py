@@ -180,13 +180,18 @@ def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uni
     jax.tree.map(partial(np.testing.assert_allclose, atol=1e-9), again.params, whole.params)
     for known, found in zip(whole.statistics, again.statistics, strict=True):
         np.testing.assert_allclose(found, known, rtol=1e-6)
-    wide = replace(config, motion=replace(config.motion, gru=2 * config.motion.gru))
-    with pytest.raises(ValueError, match="has no motion parameters of these shapes"):
-        train(wide, tmp_path / "wide", data_dir=fewer)
-    other = save_model(whole._replace(garment_hash="0123"), tmp_path / "other")
-    foreign = replace(config, training=replace(config.training, begin_from=str(other)))
-    with pytest.raises(ValueError, match="is of another garment"):
-        train(foreign, tmp_path / "foreign", data_dir=fewer)
+    lean = whole._replace(params={k: v for k, v in whole.params.items() if k != "detail"})
+    refused = {
+        "motion.gru = 16, not 12": (folder, replace(config, motion=replace(config.motion, gru=12))),
+        "garment = '0123'": (save_model(whole._replace(garment_hash="0123"), tmp_path / "other"), config),
+        "fps = 60.0, not 30.0": (save_model(whole._replace(fps=60.0), tmp_path / "fast"), config),
+        "has no detail stage; begin afresh, or set": (save_model(lean, tmp_path / "lean"), config),
+    }
+    for k, (match, (model, asked)) in enumerate(refused.items()):
+        asked = replace(asked, training=replace(asked.training, begin_from=str(model)))
+        with pytest.raises(ValueError, match=match):
+            train(asked, tmp_path / f"refused_{k}", data_dir=fewer)
+        assert not (tmp_path / f"refused_{k}").exists()
     save_model(whole._replace(statistics=tiny_model().statistics), folder)
     with pytest.raises(ValueError, match="belongs to another run"):
         train(config, tmp_path / "run", data_dir=fewer)
