@@ -12,9 +12,9 @@ from garment_jax.rollout.model import Model
 def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
     """Return a model with the mean of all parameters and the first one's configuration.
 
-    For models that were trained on from one (`training.begin_from`), and that one: between these the error
-    has no ridge, and the mean of them errs by less than each on what none has seen (Wortsman et al. 2022,
-    "Model soups"; not in the paper). Of models that began apart it is no model at all. Raises `ValueError`,
+    For models that were trained on from one (`training.begin_from`), and that one: the mean may err by less
+    than each on what none has seen (Wortsman et al. 2022, "Model soups"; not in the paper). Measure it on
+    clips kept back. Of models that began apart it is no model at all. Raises `ValueError`,
     with the names, for models of different garments, frame rates or statistics, which have no common
     beginning, and of different stages or shapes.
     """
