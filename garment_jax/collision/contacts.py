@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.result import CollisionState
 from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.closest_point import closest_point_on
+from garment_jax.geometry.closest_point import signed_on
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
 from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import (
@@ -36,22 +36,24 @@ class Contacts(NamedTuple):
     triangle: jax.Array  # [m] int32 row of the surface tables, near the vertex
     ds: jax.Array  # [m] signed distance where `known`, and a lower bound of it elsewhere
     known: jax.Array  # [m] bool: point, direction and ds are exact
-    point: jax.Array  # [m, 3] closest point
-    direction: jax.Array  # [m, 3] unit gradient of ds; 0 where not known
+    point: jax.Array  # [3, m] closest point
+    direction: jax.Array  # [3, m] unit gradient of ds; 0 where not known
 
 
-def branch_gaps(
-    local: Float[Array, "n 3"], surface: PosedSurface, tables: CollisionTables
-) -> Float[Array, "g w"]:
+def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 g s"]:
+    """Return the vertices group by group."""
+    return materialised(coordinates_of(jnp.asarray(tables.groups), local.reshape(-1)))
+
+
+def branch_gaps(grouped: Float[Array, "3 g s"], surface: PosedSurface) -> Float[Array, "g w"]:
     """Return the squared distances of the groups' boxes to the branches'."""
-    groups = jnp.asarray(tables.groups)
-    points = local.T[:, groups].transpose(1, 0, 2)
-    return branch_gap_squared(*group_boxes(points, jnp.ones(groups.shape, bool)), surface)
+    points = grouped.transpose(1, 0, 2)
+    return branch_gap_squared(*group_boxes(points, jnp.ones(grouped.shape[1:], bool)), surface)
 
 
 def crossing_limit(
     gap_squared: Float[Array, "g w"],
-    V: Float[Array, "n 3"],
+    moved: Float[Array, "3 n"],
     state: CollisionState,
     surface: PosedSurface,
     tables: CollisionTables,
@@ -59,10 +61,10 @@ def crossing_limit(
     """Return how near the surface must be to a vertex that was outside for it to be inside now (metres).
 
     If it crossed a part of the surface on a straight way since the last frame, it is no farther from
-    that part than the two have moved against each other.
+    that part than the two have `moved` against each other.
     """
-    step, reach = _movement(V - state.V, jnp.asarray(tables.groups))
-    body = surface.vertices + surface.origin[None] - state.collider
+    step, reach = _movement(moved, jnp.asarray(tables.groups))
+    body = surface.flat.reshape(3, -1) + surface.origin[:, None] - state.collider
     branch_step, branch_reach = _movement(body, jnp.asarray(tables.surface.branches))
     apart = jnp.zeros(())
     for x in range(3):
@@ -83,59 +85,104 @@ def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
     return jnp.asarray(tables.turn) == s * (frame % s) + (frame // s) % s
 
 
-def _movement(steps: Float[Array, "n 3"], points: Int[Array, "b k"]) -> tuple[Array, Array]:
+def _movement(steps: Float[Array, "3 n"], points: Int[Array, "b k"]) -> tuple[Array, Array]:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
-    flat = materialised(steps.T).reshape(-1)
+    flat = materialised(steps).reshape(-1)
     steps = materialised(coordinates_of(points.T, flat))  # gathered once, not for both reductions
     mean = steps.mean(axis=1)
     return mean, jnp.sqrt(((steps - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
 
 
 def find_contacts(
-    local: Float[Array, "n 3"],
-    last: Contacts,
+    local: Float[Array, "3 n"],
+    grouped: Float[Array, "3 g s"],
+    last: Int[Array, " n"],
+    limit: Float[Array, " n"],
+    gap_squared: Float[Array, "g w"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Contacts:
+    """Return the contacts of a frame's vertices, all that are asked for (`limit` >= 0); `last`: triangles.
+
+    Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
+    and then is so by `limit`. `grouped` are the same vertices (`in_groups`).
+    """
+    asked, groups = limit >= 0, jnp.asarray(tables.groups)
+    bound = distance_to(last, local, surface, tables.surface)
+    bound = materialised(jnp.where(asked, jnp.minimum(limit, bound), -1.0))
+    here = bound[groups]
+    words = branches_within(gap_squared, here.max(axis=1))
+    found = search(grouped, here, surface, tables.surface, words).triangle
+    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
+    near, nowhere = found >= 0, jnp.zeros_like(local)
+    triangle = jnp.where(near, found, last)
+    contacts = Contacts(triangle, jnp.where(asked & ~near, limit, 0.0), near, nowhere, nowhere)
+
+    def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
+        return _answered(made, here, to, made.triangle[here], local[:, here], surface, tables)
+
+    return _in_chunks(near, chunk, contacts)
+
+
+def find_again(
+    local: Float[Array, "3 n"],
+    at: Contacts,
     limit: Float[Array, " n"],
     moved: Float[Array, " n"],
     gap_squared: Float[Array, "g w"],
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Contacts:
-    """Return the contacts with those asked for (`limit` >= 0) made anew; the rest stays as it was.
+    """Return contacts `at` with those asked for (`limit` >= 0) made anew; the rest stays as it was.
 
-    `moved`: how far each vertex is from where `gap_squared` was taken (`branch_gaps`).
-    Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
-    and then is so by `limit`.
+    For a second search in a frame: those asked are few, and each looks for itself. `moved`: how far each
+    vertex is from where `gap_squared` was taken (`branch_gaps`). Exact as `find_contacts`.
     """
-    asked, groups = limit >= 0, jnp.asarray(tables.groups)
-    bound = distance_to(last.triangle, local, surface, tables.surface)
-    bound = jnp.where(asked, jnp.minimum(limit, bound), -1.0)
-    here = bound[groups]
-    widest = jnp.where(here < 0, -1.0, here + moved[groups]).max(axis=1)
-    words = branches_within(gap_squared, widest)
-    found = search(local[groups], here, surface, tables.surface, words).triangle
-    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
-    near = found >= 0
-    triangle = jnp.where(near, found, last.triangle)
-    ds = jnp.where(asked & ~near, limit, last.ds)
-    known = jnp.where(asked, near, last.known)
-    return _answers(Contacts(triangle, ds, known, last.point, last.direction), near, local, surface, tables)
+
+    def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
+        points, last = local[:, here], made.triangle[here]
+        bound = jnp.minimum(limit[here], distance_to(last, points, surface, tables.surface))
+        bound = materialised(jnp.where(to < len(limit), bound, -1.0))
+        gaps = gap_squared[jnp.asarray(tables.group)[here]]
+        words = branches_within(gaps, jnp.where(bound < 0, -1.0, bound + moved[here]))
+        found = search(points[..., None], bound[:, None], surface, tables.surface, words).triangle[:, 0]
+        near = found >= 0
+        triangle = jnp.where(near, found, last)
+        new = _answered(made, here, to, triangle, points, surface, tables)
+        far = jnp.where(near, len(limit), to)
+        return new._replace(
+            triangle=made.triangle.at[to].set(triangle, mode="drop"),
+            ds=new.ds.at[far].set(limit[here], mode="drop"),
+            known=made.known.at[to].set(near, mode="drop"),
+        )
+
+    return _in_chunks(limit >= 0, chunk, at)
 
 
-def _answers(contacts, wanted: Bool[Array, " n"], local, surface, tables: CollisionTables) -> Contacts:
-    """Return the contacts with the wanted correspondences made, a chunk at a time: few are wanted."""
-    n = len(local)
+def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts:
+    """Return the contacts after `chunk(vertices, where to write, contacts)` for all that are wanted.
+
+    `ANSWERS` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
+    """
+    n = len(wanted)
     words = pack_words(jnp.pad(wanted, (0, -n % WORD)).reshape(-1, 1, WORD))
     up_to = marked_up_to(words)
 
-    def chunk(state):
+    def one(state):
         at, made = state
         word, bit, valid = select(at, ANSWERS, words, up_to)
-        which = jnp.where(valid, word * WORD + bit, n)
-        here = jnp.minimum(which, n - 1)
-        answer = closest_point_on(made.triangle[here], local[here], surface, tables.surface)
-        ds = made.ds.at[which].set(answer.ds, mode="drop")
-        point = made.point.at[which].set(answer.point - surface.origin[None], mode="drop")
-        direction = made.direction.at[which].set(answer.direction, mode="drop")
-        return at + ANSWERS, made._replace(ds=ds, point=point, direction=direction)
+        to = jnp.where(valid, word * WORD + bit, n)
+        return at + ANSWERS, chunk(jnp.minimum(to, n - 1), to, made)
 
-    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], chunk, (jnp.int32(0), contacts))[1]
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), contacts))[1]
+
+
+def _answered(made: Contacts, here, to, triangle, points, surface, tables: CollisionTables) -> Contacts:
+    """Return the contacts with the vertices `here` answered on their triangles, written `to` their places."""
+    answer = signed_on(triangle, tuple(points), surface, tables.surface)
+    ds = made.ds.at[to].set(answer.ds, mode="drop")
+    point, direction = (
+        old.at[:, to].set(jnp.stack(new), mode="drop")
+        for old, new in ((made.point, answer.point), (made.direction, answer.direction))
+    )
+    return made._replace(ds=ds, point=point, direction=direction)

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from garment_jax.collision.contacts import Contacts
-from garment_jax.collision.projection import lift
 from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.stencil import materialised
@@ -22,15 +21,15 @@ from garment_jax.geometry.triangle import dot
 class Iterate(NamedTuple):
     """Where an accelerated descent stands."""
 
-    x: jax.Array  # [n, 3] displacement from V_f, metres
-    y: jax.Array  # [n, 3] the same, extrapolated
+    x: jax.Array  # [3, n] displacement from V_f, metres
+    y: jax.Array  # [3, n] the same, extrapolated
     theta: jax.Array  # [] Nesterov's sequence
 
 
 def advance(
-    kind: Array,
+    descend: Array,
     now: Iterate,
-    local: Float[Array, "n 3"],
+    local: Float[Array, "3 n"],
     at: Contacts,
     members: Members,
     tables: CollisionTables,
@@ -38,7 +37,7 @@ def advance(
     *,
     margin: Array,
 ) -> Iterate:
-    """Return the iterate as it is (`kind` 0), projected (1), or after `options.refresh_every` steps (2).
+    """Return the iterate projected (`descend` is False), or after `options.refresh_every` steps.
 
     The steps keep `options.eps`, the projection `margin` (metres).
     """
@@ -49,14 +48,14 @@ def advance(
         return now._replace(x=_pushed(local, now.x, at, members.moving, margin))
 
     steps = [lambda size=size: _descend(size, now, local, at, members, tables, options) for size in sizes]
-    return jax.lax.switch(jnp.where(kind < 2, kind, 2 + fits), [lambda: now, projected, *steps])
+    return jax.lax.switch(jnp.where(descend, 1 + fits, 0), [projected, *steps])
 
 
 def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) -> Iterate:
     """Take the steps on a region of `size` places, with the coordinates first: so they vectorise."""
     region = make_region(members, tables, size)
     x, y, base, point, direction = (
-        leaf[region.vertex].T for leaf in (now.x, now.y, local, at.point, at.direction)
+        leaf[:, region.vertex] for leaf in (now.x, now.y, local, at.point, at.direction)
     )
     x, y = (jnp.where(region.moving[None], z, 0.0) for z in (x, y))
     # where there is no correspondence, there is no plane
@@ -64,8 +63,8 @@ def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) 
     height = options.eps - dot(base - point, direction)
     step = partial(_gradient_step, direction, height, region, tables)
     x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
-    target = jnp.where(region.moving, region.vertex, len(local))
-    x, y = (whole.at[target].set(z.T, mode="drop") for whole, z in ((now.x, x), (now.y, y)))
+    target = jnp.where(region.moving, region.vertex, local.shape[1])
+    x, y = (whole.at[:, target].set(z, mode="drop") for whole, z in ((now.x, x), (now.y, y)))
     return Iterate(x, y, theta)
 
 
@@ -89,5 +88,5 @@ def _gradient_step(direction, height, region: Region, tables, _, carry):
 
 def _pushed(local, x, at: Contacts, moving: Array, margin: Array):
     """Return the displacement after projection; where there is no correspondence, as it was."""
-    height = lift(local + x, at, margin)
-    return x + jnp.where(moving & at.known, height, 0.0)[:, None] * at.direction
+    height = jnp.maximum(margin - dot(local + x - at.point, at.direction), 0.0)
+    return x + jnp.where(moving & at.known, height, 0.0)[None] * at.direction

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.result import CollisionState
 from garment_jax.geometry.closest_point import ClosestPoint
 from garment_jax.geometry.surface_search import nearest_leaf, pose_surface
@@ -19,10 +18,10 @@ def initial_state(
     posed = pose_surface(collider_vertices, surface)
     triangle = nearest_leaf(V - posed.origin[None], posed, surface)
     nobody = jnp.zeros(len(V), bool)
-    return CollisionState(triangle, V, collider_vertices, nobody, jnp.zeros_like(V), jnp.int32(0))
+    return CollisionState(triangle, V.T, collider_vertices.T, nobody, jnp.zeros_like(V.T), jnp.int32(0))
 
 
-def lift(V: Float[Array, "n 3"], at: ClosestPoint | Contacts, eps: float | Array) -> Float[Array, " n"]:
+def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, " n"]:
     """Return how far each vertex must move along `at.direction` to be outside by `eps` (metres, >= 0).
 
     The constraint is the tangent plane at the correspondence: `direction . (V - point) >= eps`.

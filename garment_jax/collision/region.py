@@ -112,15 +112,15 @@ def smoothness(x: Float[Array, "3 m"], region: Region) -> Float[Array, ""]:
     return 0.5 * (r * r).sum()
 
 
-def displacement_norm(x: Float[Array, "n 3"], members: Members, tables: CollisionTables) -> Float[Array, ""]:
+def displacement_norm(x: Float[Array, "3 n"], members: Members, tables: CollisionTables) -> Float[Array, ""]:
     """Return ||Lap x|| over the whole garment; it is zero outside the members."""
     index, weight = jnp.asarray(tables.index), jnp.asarray(tables.weight)
 
     def block(k, total):
         slot = k * BLOCK + jnp.arange(BLOCK)
         vertex = members.vertex[jnp.minimum(slot, len(members.vertex) - 1)]
-        r = ((x[index[vertex]] - x[vertex][:, None]) * weight[vertex][..., None]).sum(axis=1)
-        return total + jnp.where((slot < members.count)[:, None], r * r, 0.0).sum()
+        r = ((x[:, index[vertex].T] - x[:, None, vertex]) * weight[vertex].T[None]).sum(axis=1)
+        return total + jnp.where((slot < members.count)[None], r * r, 0.0).sum()
 
     blocks = -(-members.count // BLOCK)
     return jnp.sqrt(jax.lax.fori_loop(0, blocks, block, jnp.zeros((), x.dtype)))

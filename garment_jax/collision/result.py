@@ -32,20 +32,23 @@ MESSAGES = {
 
 
 class CollisionState(NamedTuple):
-    """What one frame hands to the next: where everything was, and how it had been corrected."""
+    """What one frame hands to the next: where everything was, and how it had been corrected.
+
+    Coordinates come first, as everywhere within the solver: so that they vectorise.
+    """
 
     triangle: jax.Array  # [n] int32 row of the surface tables, near the vertex
-    V: jax.Array  # [n, 3] metres, the last frame's answer
-    collider: jax.Array  # [c, 3] metres, the last frame's body
+    V: jax.Array  # [3, n] metres, the last frame's answer
+    collider: jax.Array  # [3, c] metres, the last frame's body
     outside: jax.Array  # [n] bool: outside; what is must cross the surface to get in
-    correction: jax.Array  # [n, 3] metres, answer minus input: the next solve begins from it
+    correction: jax.Array  # [3, n] metres, answer minus input: the next solve begins from it
     frame: jax.Array  # [] int32, counts up: whose proof is checked in this frame
 
 
 class Planes(NamedTuple):
     """What keeps each vertex outside: direction . v >= height, in the frame of the input."""
 
-    direction: jax.Array  # [n, 3] unit vectors, 0 where no surface is near or the vertex is pinned
+    direction: jax.Array  # [3, n] unit vectors, 0 where no surface is near or the vertex is pinned
     height: jax.Array  # [n] metres
 
 

@@ -17,7 +17,9 @@ from garment_jax.collision.contacts import (
     Contacts,
     branch_gaps,
     crossing_limit,
+    find_again,
     find_contacts,
+    in_groups,
     of_group,
     probed,
 )
@@ -25,7 +27,9 @@ from garment_jax.collision.descent import Iterate, advance
 from garment_jax.collision.region import Members, dilate, displacement_norm, find_members, nobody
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
+from garment_jax.geometry.triangle import dot, squared_length
 
 FAR = 5e-3  # metres after which a bound from before is not trusted
 PROBE = 0.05  # metres: how deep a vertex may be that is inside unnoticed and found in its turn
@@ -51,31 +55,21 @@ class CollisionOptions(NamedTuple):
 
 
 class _Progress(NamedTuple):
-    """The carry of a frame's loop: search, descend, search, ..., push out what is left inside, search.
-
-    All of it shares one search: what compiles once costs a third, and a frame without contact leaves
-    after the first.
-    """
+    """The carry of a frame's loop: descend, search, descend, ..., push out what is left inside, search."""
 
     now: Iterate
     at: Contacts  # correspondences of the displacement `searched`
-    searched: jax.Array  # [n, 3]
-    members: Members
-    searches: jax.Array  # [] int32
+    searched: jax.Array  # [3, n]
     steps: jax.Array  # [] int32 gradient steps taken
     moved: jax.Array  # [] metres, between the last two searches of the descent
     pushes: jax.Array  # [] int32 projections since the descent ended
-    deepest: jax.Array  # [] metres, at the first search
-    inside: jax.Array  # [n] bool, at the first search
 
 
 class _Frame(NamedTuple):
-    """What does not change during a frame."""
+    """What does not change during a frame's loop."""
 
-    local: jax.Array  # [n, 3] V_f with its pins, relative to the surface's origin
-    free: jax.Array  # [n] bool, not pinned
-    limit: jax.Array  # [n] metres, of the first search
-    correction: jax.Array  # [n, 3] the last frame's
+    local: jax.Array  # [3, n] V_f with its pins, relative to the surface's origin
+    members: Members
     gap_squared: jax.Array  # [g, w] of the groups and the surface's branches
     surface: PosedSurface
 
@@ -106,29 +100,37 @@ def resolve_collisions(
     free = jnp.ones(len(V), bool) if pins is None else jnp.ones(len(V), bool).at[pins].set(False)
     finite = jnp.isfinite(V).all() & jnp.isfinite(collider_vertices).all()
     surface = pose_surface(collider_vertices, tables.surface)
-    probe, local = probed(state.frame, tables), V - surface.origin[None]
-    gaps = branch_gaps(local, surface, tables)
-    limit = _first_limit(V, gaps, probe, state, surface, tables, options)
+    planes = materialised(V.T)
+    probe, local = probed(state.frame, tables), planes - surface.origin[:, None]
+    grouped = in_groups(local, tables)
+    gaps = branch_gaps(grouped, surface)
+    limit = _first_limit(planes - state.V, gaps, probe, state, surface, tables, options)
     limit = jnp.where(free & finite, limit, -1.0)
-    end = _iterate(_Frame(local, free, limit, state.correction, gaps, surface), state, tables, options)
+    first = find_contacts(local, grouped, state.triangle, limit, gaps, surface, tables)
+    deepest_before, inside_before = _depth(first, free)
+    members, x = _begun(first, free, state.correction, tables, options)
+    end = _iterate(_Frame(local, members, gaps, surface), first, x, tables, options)
 
-    solved = end.members.count > 0
-    V_out = jnp.where(end.members.moving[:, None], V + end.now.x, V)
-    objective = displacement_norm(end.now.x, end.members, tables)
+    solved = members.count > 0
+    planes = jnp.where(members.moving[None], planes + end.now.x, planes)
+    V_out = planes.T
+    objective = displacement_norm(end.now.x, members, tables)
     untouched = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE).astype(jnp.int32)
     outcome = jnp.where(solved, _outcome(end.at, free, end.moved <= options.tolerance, options), untouched)
     converged = (outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED)
     deepest, inside = _depth(end.at, free)
-    before, after = end.inside.sum().astype(jnp.int32), inside.sum().astype(jnp.int32)
-    direction = jnp.where((free & end.at.known)[:, None], end.at.direction, 0.0)
-    height = ((end.at.point + surface.origin[None]) * direction).sum(axis=-1) + options.eps
-    planes = Planes(direction, height)
+    before, after = (x.sum().astype(jnp.int32) for x in (inside_before, inside))
+    direction = jnp.where((free & end.at.known)[None], end.at.direction, 0.0)
+    height = dot(end.at.point + surface.origin[:, None], direction) + options.eps
+    walls = Planes(direction, height)
     result = CollisionResult(
-        V_out, end.deepest, deepest, before, after, end.steps, objective, converged, outcome, planes
+        V_out, deepest_before, deepest, before, after, end.steps, objective, converged, outcome, walls
     )
     outside = ~end.at.known | (end.at.ds >= 0)
-    outside = outside & ~_betrayed(probe & state.outside & end.inside, tables)
-    following = CollisionState(end.at.triangle, V_out, collider_vertices, outside, V_out - V, state.frame + 1)
+    outside = outside & ~_betrayed(probe & state.outside & inside_before, tables)
+    correction = jnp.where(members.moving[None], end.now.x, 0.0)
+    collider = collider_vertices.T
+    following = CollisionState(end.at.triangle, planes, collider, outside, correction, state.frame + 1)
     return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
@@ -144,9 +146,9 @@ def check_pins(pins, pin_positions) -> None:
         )
 
 
-def _first_limit(V, gaps, probe, state, surface, tables, options) -> Array:
+def _first_limit(moved, gaps, probe, state, surface, tables, options) -> Array:
     """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
-    limit = crossing_limit(gaps, V, state, surface, tables)
+    limit = crossing_limit(gaps, moved, state, surface, tables)
     limit = jnp.maximum(limit, jnp.where(probe, PROBE, options.eps + options.reach))
     return jnp.where(state.outside, limit, jnp.inf)
 
@@ -169,57 +171,50 @@ def _outcome(at: Contacts, free, standing, options):
     return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
 
 
-def _iterate(frame: _Frame, state: CollisionState, tables: CollisionTables, options) -> _Progress:
-    """Return the end of a frame's loop; without a contact it ends after the first search."""
-    n, dtype = len(frame.local), frame.local.dtype
+def _begun(first: Contacts, free, correction, tables, options) -> tuple[Members, Array]:
+    """Return what moves, if anything, and from where."""
+    contact = free & first.known & (first.ds < options.eps * (1 - options.slack))
+
+    def solve():
+        moving = dilate(contact, tables, options.rings) & free
+        return find_members(moving, tables), jnp.where(moving[None], correction, 0.0)
+
+    return jax.lax.cond(contact.any(), solve, lambda: (nobody(tables), jnp.zeros_like(correction)))
+
+
+def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, options) -> _Progress:
+    """Return the end of a frame's loop; without a contact it is not entered."""
     margin = options.eps * (1 - options.slack)
 
     def descending(s: _Progress):
         return (s.steps < options.iterations) & (s.moved > options.tolerance)
 
     def violated(s: _Progress):
-        inside = s.members.moving & s.at.known & (s.at.ds < margin)
+        inside = frame.members.moving & s.at.known & (s.at.ds < margin)
         return inside.any() & (s.pushes < options.projections)
 
     def more(s: _Progress):
-        return (s.searches == 0) | ((s.members.count > 0) & (descending(s) | violated(s)))
+        return (frame.members.count > 0) & (descending(s) | violated(s))
 
     def body(s: _Progress) -> _Progress:
-        first, on = s.searches == 0, descending(s)
-        kind = jnp.where(first, 0, jnp.where(on, 2, 1))
-        margin = _push_margin(s.pushes, options)
-        now = advance(kind, s.now, frame.local, s.at, s.members, tables, options, margin=margin)
-        apart = jnp.sqrt(((now.x - s.now.x) ** 2).sum(axis=-1).max())
+        on, margin = descending(s), _push_margin(s.pushes, options)
+        now = advance(on, s.now, frame.local, s.at, frame.members, tables, options, margin=margin)
+        apart = jnp.sqrt(squared_length(now.x - s.now.x).max())
+        local, moved = frame.local + now.x, jnp.sqrt(squared_length(now.x))
         at, limit = _next_limit(now.x, s, frame, options)
-        limit, moved = jnp.where(first, frame.limit, limit), jnp.sqrt((now.x * now.x).sum(axis=-1))
-        surroundings = moved, frame.gap_squared, frame.surface, tables
-        at = find_contacts(frame.local + now.x, at, limit, *surroundings)
-        descended, pushed = (on & ~first).astype(jnp.int32), (~on & ~first).astype(jnp.int32)
-        s = s._replace(
+        at = find_again(local, at, limit, moved, frame.gap_squared, frame.surface, tables)
+        descended, pushed = on.astype(jnp.int32), (~on).astype(jnp.int32)
+        return _Progress(
             now=now,
             at=at,
             searched=now.x,
-            searches=s.searches + 1,
             steps=s.steps + descended * options.refresh_every,
-            moved=jnp.where(on & ~first, apart, s.moved),
+            moved=jnp.where(on, apart, s.moved),
             pushes=s.pushes + pushed,
         )
-        return _begun(s, first, frame, tables, options)
 
-    zero, none = jnp.zeros((n, 3), dtype), jnp.zeros(n, bool)
-    count = jnp.int32(0)
-    start = _Progress(
-        Iterate(zero, zero, jnp.ones((), dtype)),
-        Contacts(state.triangle, zero[:, 0], none, zero, zero),
-        zero,
-        nobody(tables),
-        count,
-        count,
-        jnp.full((), jnp.inf, dtype),
-        count,
-        jnp.zeros((), dtype),
-        none,
-    )
+    none, one = jnp.int32(0), jnp.ones((), x.dtype)
+    start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
     return jax.lax.while_loop(more, body, start)
 
 
@@ -232,21 +227,6 @@ def _push_margin(pushes: Array, options) -> Array:
     return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
 
 
-def _begun(s: _Progress, first: Array, frame: _Frame, tables, options) -> _Progress:
-    """Return the progress with what the first search finds: what moves, if anything, and from where."""
-    deepest, inside = _depth(s.at, frame.free)
-    contact = frame.free & s.at.known & (s.at.ds < options.eps * (1 - options.slack))
-
-    def solve():
-        moving = dilate(contact, tables, options.rings) & frame.free
-        return find_members(moving, tables), jnp.where(moving[:, None], frame.correction, 0.0)
-
-    members, x = jax.lax.cond(first & contact.any(), solve, lambda: (s.members, s.now.x))
-    y = jnp.where(first, x, s.now.y)
-    deepest, inside = (jnp.where(first, new, old) for new, old in ((deepest, s.deepest), (inside, s.inside)))
-    return s._replace(now=Iterate(x, y, s.now.theta), members=members, deepest=deepest, inside=inside)
-
-
 def _next_limit(x, s: _Progress, frame: _Frame, options) -> tuple[Contacts, Array]:
     """Return the contacts, and how far to search around vertices that moved from `s.searched` to `x`.
 
@@ -254,11 +234,11 @@ def _next_limit(x, s: _Progress, frame: _Frame, options) -> tuple[Contacts, Arra
     they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
     may rest on the wrong sign: after a long way it is not trusted.
     """
-    shift = jnp.sqrt(((x - s.searched) ** 2).sum(axis=-1))
+    shift = jnp.sqrt(squared_length(x - s.searched))
     far = shift > FAR
-    asked = s.members.moving & (far | (s.at.ds - shift < options.eps))
+    asked = frame.members.moving & (far | (s.at.ds - shift < options.eps))
     away = frame.local + x - s.at.point  # the point is still on the surface: none is farther
-    bound = jnp.sqrt((away * away).sum(axis=-1)) * (1 + 1e-4) + 1e-6
+    bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
     limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
     limit = jnp.where(asked, jnp.where(s.at.known, bound, limit), -1.0)
     return s.at._replace(ds=s.at.ds - shift), limit

@@ -74,6 +74,6 @@ def calmed(
     near to the other, and would jump to and fro.
     """
     calm = kept & (result.outcome == Outcome.MARGIN_MISSED) & (result.penetrating_before == 0)
-    calm_state = state._replace(V=held, outside=jnp.ones_like(state.outside))
+    calm_state = state._replace(V=held.T, outside=jnp.ones_like(state.outside))
     V = jnp.where(calm, held, result.V)
     return result._replace(V=V), jax.tree.map(lambda a, b: jnp.where(calm, a, b), calm_state, state)

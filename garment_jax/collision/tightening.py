@@ -99,18 +99,18 @@ def resolve_unstretched(
     start = jnp.int32(0), _Last(state, nothing.planes, none), _Best(nothing, state, none)
     rounds, _, (result, state, _) = jax.lax.while_loop(more, one, start)
     # the next frame begins where this one ended, whatever the rounds have made of it
-    correction = jnp.where(free[:, None], result.V - V_f, 0.0)
+    correction = jnp.where(free[:, None], result.V - V_f, 0.0).T
     return result, state._replace(correction=jnp.where(rounds > 1, correction, state.correction))
 
 
 def _shortened(last: _Last, strain: StrainTables, as_in: Array) -> Array:
-    direction = last.planes.direction.T
+    direction = last.planes.direction
 
     def project(x: Array) -> Array:
         short = jnp.where(direction.any(axis=0), last.planes.height - dot(direction, x), 0.0)
         return x + jnp.maximum(short, 0.0)[None] * direction
 
-    return strain_limited(last.state.V, strain, as_in=as_in, project=project, iterations=ITERATIONS)[0]
+    return strain_limited(last.state.V.T, strain, as_in=as_in, project=project, iterations=ITERATIONS)[0]
 
 
 def _joined(best: _Best, result: CollisionResult) -> CollisionResult:

@@ -42,7 +42,7 @@ def closest_point_exact(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     bound = distance_to_corner(nearest_leaf(fixed, still, tables), fixed, still, tables)
-    found = search(fixed[:, None], bound[:, None], still, tables)
+    found = search(fixed.T[..., None], bound[:, None], still, tables)
     # nothing is found only for points that are not finite, and their answer is not either
     return closest_point_on(jnp.maximum(found.triangle[:, 0], 0), local, surface, tables)
 
@@ -63,7 +63,8 @@ def closest_point_from(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     groups = jnp.asarray(groups)
-    found = search(fixed[groups], distance_to(previous, fixed, still, tables)[groups], still, tables)
+    planes = fixed.T
+    found = search(planes[:, groups], distance_to(previous, planes, still, tables)[groups], still, tables)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
     triangle = previous.at[groups].set(jnp.where(found.triangle < 0, previous[groups], found.triangle))
     return closest_point_on(triangle, local, surface, tables)
@@ -76,23 +77,43 @@ def closest_point_on(
 
     `local` is relative to `surface.origin`; the answer's `point` is not.
     """
-    # coordinate by coordinate, without a sum over axes: so it is a few operations and not forty
-    a, b, c = _corners(triangle, surface, tables)
-    ab, ac, p = minus(b, a), minus(c, a), tuple(local.T)
-    s, u, squared, region = closest_on_triangle(p, triangle_rows(a, ab, ac))
+    found = signed_on(triangle, tuple(local.T), surface, tables)
+    point, normal, direction = (
+        jnp.stack(list(x), axis=-1) for x in (found.point, found.normal, found.direction)
+    )
+    return ClosestPoint(point + surface.origin[None], normal, found.ds, direction, triangle)
+
+
+class Signed(NamedTuple):
+    """As `ClosestPoint`, coordinate by coordinate (three arrays `[n]` each) and relative to the origin."""
+
+    point: Coordinates
+    normal: Coordinates
+    ds: jax.Array  # [n]
+    direction: Coordinates
+
+
+def signed_on(
+    triangle: Int[Array, " n"], p: Coordinates, surface: PosedSurface, tables: SurfaceTables
+) -> Signed:
+    """Return the signed closest points of `p`, relative to `surface.origin`, on the given triangles.
+
+    Without a sum over axes: so it is a few operations and not forty.
+    """
+    a, b, c = materialised(_corners(triangle, surface, tables))
+    ab, ac = minus(b, a), minus(c, a)
+    s, u, squared, region = materialised(closest_on_triangle(p, triangle_rows(a, ab, ac)))
     foot = tuple(x + s * y + u * z for x, y, z in zip(a, ab, ac, strict=True))
     normal = _pseudo_normal(triangle, region, _unit(cross(ab, ac)), surface, tables)
-    foot, normal, squared = materialised((foot, normal, squared))  # or they are made anew for each coordinate
+    foot, normal = materialised((foot, normal))  # or they are made anew for each coordinate
     away = minus(p, foot)
     # Nearer than a micrometre the difference of the two points is rounding; the normal is not.
     touching = squared <= 1e-12
     height = dot(away, normal)
     sign = jnp.where(height < 0, -1.0, 1.0)
     distance = jnp.sqrt(jnp.where(touching, 1.0, squared))
-    direction = (jnp.where(touching, n, sign / distance * x) for n, x in zip(normal, away, strict=True))
-    ds = jnp.where(touching, height, sign * distance)
-    point, normal, direction = (jnp.stack(list(x), axis=-1) for x in (foot, normal, direction))
-    return ClosestPoint(point + surface.origin[None], normal, ds, direction, triangle)
+    direction = tuple(jnp.where(touching, n, sign / distance * x) for n, x in zip(normal, away, strict=True))
+    return Signed(foot, normal, jnp.where(touching, height, sign * distance), direction)
 
 
 def _corners(triangle, surface: PosedSurface, tables: SurfaceTables) -> tuple[Coordinates, ...]:

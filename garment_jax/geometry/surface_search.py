@@ -85,7 +85,7 @@ def triangles(rows: Int[Array, "*k"], surface: PosedSurface, tables: SurfaceTabl
 
 
 def search(
-    points: Float[Array, "g s 3"],
+    points: Float[Array, "3 g s"],
     limit: Float[Array, "g s"],
     surface: PosedSurface,
     tables: SurfaceTables,
@@ -98,7 +98,7 @@ def search(
     differ by less than two millionths, either may be returned. Not differentiable.
     """
     g, s = limit.shape
-    planes, flat = points.transpose(0, 2, 1), points.reshape(-1, 3).T
+    planes, flat = materialised((points.transpose(1, 0, 2), points.reshape(3, -1)))
     words = _marks(planes, limit, surface) if words is None else words
     up_to = marked_up_to(words)
 
@@ -206,12 +206,12 @@ def _reached(points: Float[Array, "k 3 s"], limit, branch, surface) -> Array:
 
 
 def distance_to(
-    triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
+    triangle: Int[Array, " n"], points: Float[Array, "3 n"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
     vertex = materialised(jnp.asarray(tables.faces)[triangle].T)
     corners = materialised(coordinates_of(vertex, surface.flat))
-    squared = squared_distance(points.T, corners[..., None])[:, 0]
+    squared = squared_distance(points, corners[..., None])[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 
 
