@@ -26,6 +26,7 @@ from garment_jax.geometry.surface_search import (
     group_boxes,
     search,
 )
+from garment_jax.geometry.triangle import squared_length
 
 ANSWERS = 128  # vertices whose correspondence is made at a time
 
@@ -40,19 +41,19 @@ class Contacts(NamedTuple):
     direction: jax.Array  # [3, m] unit gradient of ds; 0 where not known
 
 
-def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 g s"]:
-    """Return the vertices group by group."""
-    return materialised(coordinates_of(jnp.asarray(tables.groups), local.reshape(-1)))
+def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 s g"]:
+    """Return the vertices of the groups, the groups last."""
+    return materialised(coordinates_of(jnp.asarray(tables.groups).T, local.reshape(-1)))
 
 
-def branch_gaps(grouped: Float[Array, "3 g s"], surface: PosedSurface) -> Float[Array, "g w"]:
+def branch_gaps(grouped: Float[Array, "3 s g"], surface: PosedSurface) -> Float[Array, "w g"]:
     """Return the squared distances of the groups' boxes to the branches'."""
-    points = grouped.transpose(1, 0, 2)
-    return branch_gap_squared(*group_boxes(points, jnp.ones(grouped.shape[1:], bool)), surface)
+    boxes = group_boxes(grouped, jnp.ones(grouped.shape[1:], bool))
+    return materialised(branch_gap_squared(*boxes, surface))
 
 
 def crossing_limit(
-    gap_squared: Float[Array, "g w"],
+    gap_squared: Float[Array, "w g"],
     moved: Float[Array, "3 n"],
     state: CollisionState,
     surface: PosedSurface,
@@ -66,12 +67,16 @@ def crossing_limit(
     step, reach = _movement(moved, jnp.asarray(tables.groups))
     body = surface.flat.reshape(3, -1) + surface.origin[:, None] - state.collider
     branch_step, branch_reach = _movement(body, jnp.asarray(tables.surface.branches))
-    apart = jnp.zeros(())
-    for x in range(3):
-        apart = apart + (step[x, :, None] - branch_step[x][None]) ** 2
-    apart = jnp.sqrt(apart) + reach[:, None] + branch_reach[None]
-    gap_squared = gap_squared[:, : len(branch_reach)]
-    return of_group(jnp.where(gap_squared <= apart * apart, apart, 0.0).max(axis=1), tables)
+    apart = squared_length(step[:, None] - branch_step[..., None])
+    apart = jnp.sqrt(apart) + reach[None] + branch_reach[:, None]
+    gap_squared = gap_squared[: len(branch_reach)]
+    limit = greatest(jnp.where(gap_squared <= apart * apart, apart, 0.0))
+    return of_group(materialised(limit), tables)  # or it is looked for by every vertex
+
+
+def greatest(x: Array) -> Array:
+    bits = jax.lax.bitcast_convert_type(x, jnp.int32).max(axis=0)
+    return jax.lax.bitcast_convert_type(bits, jnp.float32)
 
 
 def of_group(values: Array, tables: CollisionTables) -> Array:
@@ -89,16 +94,17 @@ def _movement(steps: Float[Array, "3 n"], points: Int[Array, "b k"]) -> tuple[Ar
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
     flat = materialised(steps).reshape(-1)
     steps = materialised(coordinates_of(points.T, flat))  # gathered once, not for both reductions
-    mean = steps.mean(axis=1)
-    return mean, jnp.sqrt(((steps - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
+    mean = materialised(steps.mean(axis=1))
+    off = steps - mean[:, None]
+    return materialised((mean, jnp.sqrt(squared_length(off).max(axis=0))))  # once, not for every pair
 
 
 def find_contacts(
     local: Float[Array, "3 n"],
-    grouped: Float[Array, "3 g s"],
+    grouped: Float[Array, "3 s g"],
     last: Int[Array, " n"],
     limit: Float[Array, " n"],
-    gap_squared: Float[Array, "g w"],
+    gap_squared: Float[Array, "w g"],
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Contacts:
@@ -107,11 +113,11 @@ def find_contacts(
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
     and then is so by `limit`. `grouped` are the same vertices (`in_groups`).
     """
-    asked, groups = limit >= 0, jnp.asarray(tables.groups)
+    asked, groups = limit >= 0, jnp.asarray(tables.groups).T
     bound = distance_to(last, local, surface, tables.surface)
     bound = materialised(jnp.where(asked, jnp.minimum(limit, bound), -1.0))
     here = bound[groups]
-    words = branches_within(gap_squared, here.max(axis=1))
+    words = branches_within(gap_squared, here.max(axis=0))
     found = search(grouped, here, surface, tables.surface, words).triangle
     found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
     near, nowhere = found >= 0, jnp.zeros_like(local)
@@ -128,24 +134,19 @@ def find_again(
     local: Float[Array, "3 n"],
     at: Contacts,
     limit: Float[Array, " n"],
-    moved: Float[Array, " n"],
-    gap_squared: Float[Array, "g w"],
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Contacts:
     """Return contacts `at` with those asked for (`limit` >= 0) made anew; the rest stays as it was.
 
-    For a second search in a frame: those asked are few, and each looks for itself. `moved`: how far each
-    vertex is from where `gap_squared` was taken (`branch_gaps`). Exact as `find_contacts`.
+    For a second search in a frame: those asked are few, and each looks for itself. Exact as `find_contacts`.
     """
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
         points, last = local[:, here], made.triangle[here]
         bound = jnp.minimum(limit[here], distance_to(last, points, surface, tables.surface))
         bound = materialised(jnp.where(to < len(limit), bound, -1.0))
-        gaps = gap_squared[jnp.asarray(tables.group)[here]]
-        words = branches_within(gaps, jnp.where(bound < 0, -1.0, bound + moved[here]))
-        found = search(points[..., None], bound[:, None], surface, tables.surface, words).triangle[:, 0]
+        found = search(points[:, None], bound[None], surface, tables.surface).triangle[0]
         near = found >= 0
         triangle = jnp.where(near, found, last)
         new = _answered(made, here, to, triangle, points, surface, tables)

@@ -70,7 +70,6 @@ class _Frame(NamedTuple):
 
     local: jax.Array  # [3, n] V_f with its pins, relative to the surface's origin
     members: Members
-    gap_squared: jax.Array  # [g, w] of the groups and the surface's branches
     surface: PosedSurface
 
 
@@ -109,7 +108,7 @@ def resolve_collisions(
     first = find_contacts(local, grouped, state.triangle, limit, gaps, surface, tables)
     deepest_before, inside_before = _depth(first, free)
     members, x = _begun(first, free, state.correction, tables, options)
-    end = _iterate(_Frame(local, members, gaps, surface), first, x, tables, options)
+    end = _iterate(_Frame(local, members, surface), first, x, tables, options)
 
     solved = members.count > 0
     planes = jnp.where(members.moving[None], planes + end.now.x, planes)
@@ -200,9 +199,8 @@ def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, 
         on, margin = descending(s), _push_margin(s.pushes, options)
         now = advance(on, s.now, frame.local, s.at, frame.members, tables, options, margin=margin)
         apart = jnp.sqrt(squared_length(now.x - s.now.x).max())
-        local, moved = frame.local + now.x, jnp.sqrt(squared_length(now.x))
         at, limit = _next_limit(now.x, s, frame, options)
-        at = find_again(local, at, limit, moved, frame.gap_squared, frame.surface, tables)
+        at = find_again(frame.local + now.x, at, limit, frame.surface, tables)
         descended, pushed = on.astype(jnp.int32), (~on).astype(jnp.int32)
         return _Progress(
             now=now,

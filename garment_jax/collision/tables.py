@@ -15,7 +15,7 @@ class CollisionTables(NamedTuple):
 
     surface: SurfaceTables
     groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
-    slot: np.ndarray  # [n] int32 the first place of each vertex in `groups`, counted row by row
+    slot: np.ndarray  # [n] int32 the first place of each vertex in `groups`, counted column by column
     group: np.ndarray  # [n] int32 the row of that place
     turn: np.ndarray  # [n] int32 in which of 64 frames a vertex is searched whatever is known, see `probed`
     order: np.ndarray  # [n] int32 the vertices, group after group
@@ -67,7 +67,7 @@ def make_collision_tables(
     group, member = np.divmod(
         slot, s
     )  # here: among a frame's operations a division takes as long as ten others
-    turn = s * (group % s) + member
+    turn, slot = s * (group % s) + member, len(groups) * member + group
     return CollisionTables(
         surface, groups, slot, group, turn, order, np.asarray(table.index), weight, back, bound
     )

@@ -42,9 +42,9 @@ def closest_point_exact(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     bound = distance_to_corner(nearest_leaf(fixed, still, tables), fixed, still, tables)
-    found = search(fixed.T[..., None], bound[:, None], still, tables)
+    found = search(fixed.T[:, None], bound[None], still, tables)
     # nothing is found only for points that are not finite, and their answer is not either
-    return closest_point_on(jnp.maximum(found.triangle[:, 0], 0), local, surface, tables)
+    return closest_point_on(jnp.maximum(found.triangle[0], 0), local, surface, tables)
 
 
 def closest_point_from(
@@ -62,8 +62,7 @@ def closest_point_from(
     surface = pose_surface(vertices, tables)
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
-    groups = jnp.asarray(groups)
-    planes = fixed.T
+    groups, planes = jnp.asarray(groups).T, fixed.T
     found = search(planes[:, groups], distance_to(previous, planes, still, tables)[groups], still, tables)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
     triangle = previous.at[groups].set(jnp.where(found.triangle < 0, previous[groups], found.triangle))

@@ -20,8 +20,12 @@ def pack(mask: Bool[Array, "r k"]) -> UInt32[Array, "r w"]:
 
 def pack_words(mask: Bool[Array, "r w 32"]) -> UInt32[Array, "r w"]:
     """Return the marks of places that lie in words already; XLA fuses it into what made the mask."""
-    bits = jnp.asarray(np.uint32(1) << np.arange(WORD, dtype=np.uint32))
-    return jnp.where(mask, bits[None, None], jnp.uint32(0)).sum(axis=-1, dtype=jnp.uint32)
+    return jnp.where(mask, word_bits()[None, None], jnp.uint32(0)).sum(axis=-1, dtype=jnp.uint32)
+
+
+def word_bits() -> UInt32[Array, "32"]:
+    """Return the bit of each place in a word."""
+    return jnp.asarray(np.uint32(1) << np.arange(WORD, dtype=np.uint32))
 
 
 def marked_up_to(words: UInt32[Array, "r w"]) -> Int[Array, " r"]:
