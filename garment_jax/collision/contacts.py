@@ -26,8 +26,9 @@ from garment_jax.geometry.surface_search import (
     group_boxes,
     search,
 )
-from garment_jax.geometry.triangle import squared_length
+from garment_jax.geometry.triangle import dot, squared_length
 
+Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
 ANSWERS = 128  # vertices whose correspondence is made at a time
 
 
@@ -46,14 +47,13 @@ def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Arra
     return materialised(coordinates_of(jnp.asarray(tables.groups).T, local.reshape(-1)))
 
 
-def branch_gaps(grouped: Float[Array, "3 s g"], surface: PosedSurface) -> Float[Array, "w g"]:
-    """Return the squared distances of the groups' boxes to the branches'."""
-    boxes = group_boxes(grouped, jnp.ones(grouped.shape[1:], bool))
-    return materialised(branch_gap_squared(*boxes, surface))
+def boxes_of(grouped: Float[Array, "3 s g"]) -> Boxes:
+    """Return the least and the greatest coordinates of the groups."""
+    return materialised(group_boxes(grouped, jnp.ones(grouped.shape[1:], bool)))
 
 
 def crossing_limit(
-    gap_squared: Float[Array, "w g"],
+    boxes: Boxes,
     moved: Float[Array, "3 n"],
     state: CollisionState,
     surface: PosedSurface,
@@ -61,22 +61,37 @@ def crossing_limit(
 ) -> Float[Array, " n"]:
     """Return how near the surface must be to a vertex that was outside for it to be inside now (metres).
 
-    If it crossed a part of the surface on a straight way since the last frame, it is no farther from
-    that part than the two have `moved` against each other.
+    If it crossed a part of the surface on a straight way since the last frame, it lies where that part would
+    be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
+    between its planes, both drawn along that movement. So what slides along the body is not searched.
     """
     step, reach = _movement(moved, jnp.asarray(tables.groups))
     body = surface.flat.reshape(3, -1) + surface.origin[:, None] - state.collider
     branch_step, branch_reach = _movement(body, jnp.asarray(tables.surface.branches))
-    apart = squared_length(step[:, None] - branch_step[..., None])
-    apart = jnp.sqrt(apart) + reach[None] + branch_reach[:, None]
-    gap_squared = gap_squared[: len(branch_reach)]
-    limit = greatest(jnp.where(gap_squared <= apart * apart, apart, 0.0))
+    low, high = boxes
+    middle, half = materialised(((low + high) / 2, (high - low) / 2))
+    centre, extent = (surface.low + surface.high) / 2, (surface.high - surface.low) / 2
+    way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
+    spare = reach[None] + branch_reach[:, None]
+
+    def meet(apart, sizes, along) -> Array:  # [-size, size] with one end drawn along, and spare at both
+        return jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
+
+    n = surface.branch_slab[:3, :, None]
+    sizes = dot(jnp.abs(n), half[:, None]) + surface.branch_slab[4][:, None]
+    crossed = meet(dot(n, middle[:, None]) - surface.branch_slab[3][:, None], sizes, dot(n, way))
+    for x in range(3):
+        sizes = half[x][None] + extent[x][:, None]
+        crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
+    limit = greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0))
     return of_group(materialised(limit), tables)  # or it is looked for by every vertex
 
 
-def greatest(x: Array) -> Array:
-    bits = jax.lax.bitcast_convert_type(x, jnp.int32).max(axis=0)
-    return jax.lax.bitcast_convert_type(bits, jnp.float32)
+def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
+    """Return the maximum of each column of numbers >= 0, whose bits are ordered as they are: it vectorises."""
+    kind, same = (jnp.int64, x) if x.dtype == jnp.float64 else (jnp.int32, x.astype(jnp.float32))
+    bits = jax.lax.bitcast_convert_type(same, kind).max(axis=0)
+    return jax.lax.bitcast_convert_type(bits, same.dtype).astype(x.dtype)
 
 
 def of_group(values: Array, tables: CollisionTables) -> Array:
@@ -104,20 +119,20 @@ def find_contacts(
     grouped: Float[Array, "3 s g"],
     last: Int[Array, " n"],
     limit: Float[Array, " n"],
-    gap_squared: Float[Array, "w g"],
+    boxes: Boxes,
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Contacts:
     """Return the contacts of a frame's vertices, all that are asked for (`limit` >= 0); `last`: triangles.
 
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
-    and then is so by `limit`. `grouped` are the same vertices (`in_groups`).
+    and then is so by `limit`. `grouped` are the same vertices (`in_groups`), `boxes` theirs.
     """
     asked, groups = limit >= 0, jnp.asarray(tables.groups).T
     bound = distance_to(last, local, surface, tables.surface)
     bound = materialised(jnp.where(asked, jnp.minimum(limit, bound), -1.0))
     here = bound[groups]
-    words = branches_within(gap_squared, here.max(axis=0))
+    words = branches_within(branch_gap_squared(*boxes, surface), materialised(here.max(axis=0)))
     found = search(grouped, here, surface, tables.surface, words).triangle
     found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
     near, nowhere = found >= 0, jnp.zeros_like(local)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from garment_jax.collision.contacts import (
     Contacts,
-    branch_gaps,
+    boxes_of,
     crossing_limit,
     find_again,
     find_contacts,
@@ -102,10 +102,10 @@ def resolve_collisions(
     planes = materialised(V.T)
     probe, local = probed(state.frame, tables), planes - surface.origin[:, None]
     grouped = in_groups(local, tables)
-    gaps = branch_gaps(grouped, surface)
-    limit = _first_limit(planes - state.V, gaps, probe, state, surface, tables, options)
+    boxes = boxes_of(grouped)
+    limit = _first_limit(planes - state.V, boxes, probe, state, surface, tables, options)
     limit = jnp.where(free & finite, limit, -1.0)
-    first = find_contacts(local, grouped, state.triangle, limit, gaps, surface, tables)
+    first = find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
     deepest_before, inside_before = _depth(first, free)
     members, x = _begun(first, free, state.correction, tables, options)
     end = _iterate(_Frame(local, members, surface), first, x, tables, options)
@@ -145,9 +145,9 @@ def check_pins(pins, pin_positions) -> None:
         )
 
 
-def _first_limit(moved, gaps, probe, state, surface, tables, options) -> Array:
+def _first_limit(moved, boxes, probe, state, surface, tables, options) -> Array:
     """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
-    limit = crossing_limit(gaps, moved, state, surface, tables)
+    limit = crossing_limit(boxes, moved, state, surface, tables)
     limit = jnp.maximum(limit, jnp.where(probe, PROBE, options.eps + options.reach))
     return jnp.where(state.outside, limit, jnp.inf)
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from garment_jax.geometry.marked import WORD, marked_up_to, pack, select, word_bits
 from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
-from garment_jax.geometry.triangle import squared_distance
+from garment_jax.geometry.triangle import cross, dot, squared_distance, squared_length
 
 PAIRS = 512  # pairs of a group and a branch taken at a time
 TESTS = 256  # pairs of a point and a leaf tested at a time
@@ -36,6 +36,7 @@ class PosedSurface(NamedTuple):
     slab: jax.Array  # [5, l] unit normal, middle and half thickness of a leaf between two planes
     low: jax.Array  # [3, b] least coordinates of the branches' boxes
     high: jax.Array  # [3, b] greatest
+    branch_slab: jax.Array  # [5, b] as `slab`, of a branch
 
 
 class Nearest(NamedTuple):
@@ -55,27 +56,41 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     leaves = materialised(coordinates_of(jnp.asarray(tables.corners).T, flat))
     low, high = leaves.min(axis=1), leaves.max(axis=1)
     branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
-    slab = _slabs(leaves, coordinates_of(jnp.asarray(tables.spread), flat))
+    slab = _slabs(leaves, _normals(jnp.asarray(tables.spread), flat), 1)
+    branch_slab = _slabs(leaves, _normals(jnp.asarray(tables.branch_spread), flat), BRANCH)
     named = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
     named = named + len(vertices) * jnp.arange(3, dtype=jnp.int32)[None, :, None]
     corners = _gathered(flat, named.reshape(len(named), -1))
     return PosedSurface(
-        vertices, flat, corners, origin, (low + high) / 2, (high - low) / 2, slab, branch_low, branch_high
+        vertices,
+        flat,
+        corners,
+        origin,
+        (low + high) / 2,
+        (high - low) / 2,
+        slab,
+        branch_low,
+        branch_high,
+        branch_slab,
     )
 
 
-def _slabs(leaves: Float[Array, "3 u l"], spread: Float[Array, "3 3 l"]) -> Float[Array, "5 l"]:
-    """Return normals, middles and half thicknesses of leaves `[coordinate, vertex, leaf]` between planes.
+def _normals(spread: Int[Array, "3 k"], flat: Float[Array, " c3"]) -> Float[Array, "3 k"]:
+    """Return the unit normals of the triangles of these vertices; 0 where they are on a line."""
+    at = coordinates_of(spread, flat)
+    n = jnp.stack(cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]))
+    length = jnp.sqrt(squared_length(n))
+    return materialised(n / jnp.where(length > 0, length, 1.0)[None])
 
-    A patch of skin is flat: its box is several times thicker. Any normal is right, a good one is thin; with
-    none at all (a leaf without area) nothing is excluded.
+
+def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> Float[Array, "5 k"]:
+    """Return normals, middles and half thicknesses of `many` leaves each between planes along `n`.
+
+    `leaves`: coordinate, vertex, leaf. A patch of skin is flat: its box is several times thicker. Any normal
+    is right, a good one is thin; with none at all (a leaf without area) nothing is excluded.
     """
-    u, v = spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0]
-    n = jnp.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
-    length = jnp.sqrt((n * n).sum(axis=0))
-    n = n / jnp.where(length > 0, length, 1.0)[None]
-    height = leaves[0] * n[0][None] + leaves[1] * n[1][None] + leaves[2] * n[2][None]
-    low, high = height.min(axis=0), height.max(axis=0)
+    height = dot(leaves, n.repeat(many, axis=1)[:, None])
+    low, high = height.min(axis=0).reshape(-1, many).min(axis=1), height.max(axis=0).reshape(-1, many).max(axis=1)
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 

@@ -24,6 +24,7 @@ class SurfaceTables(NamedTuple):
     corners: np.ndarray  # [l, u] int32 the vertices of each leaf's triangles, once each, padded by repetition
     branches: np.ndarray  # [b, w] int32 the same of each branch
     spread: np.ndarray  # [3, l] int32 three vertices of each leaf that lie apart: its plane, roughly
+    branch_spread: np.ndarray  # [3, b] int32 the same of each branch
     order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
     across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
     fan: np.ndarray  # [c, FAN, 2] int32 next and last vertex of each triangle around a vertex, or itself
@@ -50,8 +51,8 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     across = row[_across(faces)][order]
     rows = faces[order]
     corners, branches = (_once_each(rows.reshape(-1, k)) for k in (3 * LEAF, 3 * LEAF * BRANCH))
-    spread = _spread(vertices[corners], corners)
-    return SurfaceTables(rows, corners, branches, spread, order, across, *_fans(faces, len(vertices)))
+    spread, branch_spread = (_spread(vertices[x], x) for x in (corners, branches))
+    return SurfaceTables(rows, corners, branches, spread, branch_spread, order, across, *_fans(faces, len(vertices)))
 
 
 def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:
