@@ -88,7 +88,7 @@ def crossing_limit(
 
 
 def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
-    """Return the maximum of each column of numbers >= 0, whose bits are ordered as they are: it vectorises."""
+    """Return the maximum of each column of numbers >= 0, by their bits: an integer maximum vectorises."""
     kind, same = (jnp.int64, x) if x.dtype == jnp.float64 else (jnp.int32, x.astype(jnp.float32))
     bits = jax.lax.bitcast_convert_type(same, kind).max(axis=0)
     return jax.lax.bitcast_convert_type(bits, same.dtype).astype(x.dtype)

@@ -90,7 +90,10 @@ def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> 
     is right, a good one is thin; with none at all (a leaf without area) nothing is excluded.
     """
     height = dot(leaves, n.repeat(many, axis=1)[:, None])
-    low, high = height.min(axis=0).reshape(-1, many).min(axis=1), height.max(axis=0).reshape(-1, many).max(axis=1)
+    low, high = (
+        height.min(axis=0).reshape(-1, many).min(axis=1),
+        height.max(axis=0).reshape(-1, many).max(axis=1),
+    )
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 

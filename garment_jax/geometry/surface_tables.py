@@ -52,7 +52,9 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     rows = faces[order]
     corners, branches = (_once_each(rows.reshape(-1, k)) for k in (3 * LEAF, 3 * LEAF * BRANCH))
     spread, branch_spread = (_spread(vertices[x], x) for x in (corners, branches))
-    return SurfaceTables(rows, corners, branches, spread, branch_spread, order, across, *_fans(faces, len(vertices)))
+    return SurfaceTables(
+        rows, corners, branches, spread, branch_spread, order, across, *_fans(faces, len(vertices))
+    )
 
 
 def point_groups(points: np.ndarray, size: int = 8) -> np.ndarray:

@@ -59,7 +59,7 @@ def test_a_regions_energy_and_gradient_are_the_whole_meshs():
     at = np.flatnonzero(region.moving)
     assert len(at) == moving.sum()
     np.testing.assert_allclose(slope.T[at], gradient[region.vertex[at]], atol=1e-5)
-    norm = displacement_norm(jnp.asarray(x), members, made)
+    norm = displacement_norm(jnp.asarray(x.T), members, made)
     np.testing.assert_allclose(norm, np.sqrt(2 * value), rtol=1e-5)
 
 
@@ -73,4 +73,4 @@ def test_the_gradient_at_rest_is_zero_and_finite():
 
 def test_nobody_has_no_energy():
     made, *_ = tables()
-    assert displacement_norm(jnp.ones((SIDE * SIDE, 3)), nobody(made), made) == 0
+    assert displacement_norm(jnp.ones((3, SIDE * SIDE)), nobody(made), made) == 0

@@ -26,12 +26,18 @@ def setting():
     return cloud, surface, tables, brute_distance(cloud.astype(np.float64), vertices, faces)
 
 
+def alone(cloud: np.ndarray, surface) -> jax.Array:
+    """Return the points in groups of one."""
+    return (jnp.asarray(cloud) - surface.origin[None]).T[:, None]
+
+
 def test_each_point_finds_what_lies_within_its_own_limit():
     cloud, surface, tables, expected = setting()
     groups = point_groups(cloud)
     limit = np.random.default_rng(2).uniform(-0.05, 0.2, size=len(cloud)).astype(np.float32)
     local = jnp.asarray(cloud) - surface.origin[None]
-    found = find(local[groups], jnp.asarray(limit)[groups], surface, tables)
+    groups = groups.T
+    found = find(local.T[:, groups], jnp.asarray(limit)[groups], surface, tables)
     within = (expected < limit)[groups]
     np.testing.assert_array_equal(found.triangle >= 0, within)
     assert 50 < within.sum() < within.size - 50
@@ -40,23 +46,23 @@ def test_each_point_finds_what_lies_within_its_own_limit():
 
 def test_no_limit_at_all_is_brute_force():
     cloud, surface, tables, expected = setting()
-    local = jnp.asarray(cloud)[:, None] - surface.origin[None, None]
-    found = find(local, jnp.full((len(cloud), 1), jnp.inf), surface, tables)
-    np.testing.assert_allclose(np.sqrt(found.squared[:, 0]), expected, rtol=2e-6, atol=1e-7)
+    local = alone(cloud, surface)
+    found = find(local, jnp.full((1, len(cloud)), jnp.inf), surface, tables)
+    np.testing.assert_allclose(np.sqrt(found.squared[0]), expected, rtol=2e-6, atol=1e-7)
 
 
 def test_nobody_asked_and_nan_find_nothing():
     cloud, surface, tables, _ = setting()
-    local = jnp.asarray(cloud)[:, None] - surface.origin[None, None]
-    assert (find(local, jnp.full((len(cloud), 1), -1.0), surface, tables).triangle == -1).all()
-    assert (find(local * jnp.nan, jnp.full((len(cloud), 1), 0.1), surface, tables).triangle == -1).all()
+    local = alone(cloud, surface)
+    assert (find(local, jnp.full((1, len(cloud)), -1.0), surface, tables).triangle == -1).all()
+    assert (find(local * jnp.nan, jnp.full((1, len(cloud)), 0.1), surface, tables).triangle == -1).all()
 
 
 def test_bounds_are_above_the_distance():
     cloud, surface, tables, expected = setting()
     local = jnp.asarray(cloud) - surface.origin[None]
     triangle = jnp.arange(len(cloud)) % len(tables.faces)
-    named = distance_to(triangle, local, surface, tables)
+    named = distance_to(triangle, local.T, surface, tables)
     corner = distance_to_corner(triangle, local, surface, tables)
     any_bound = distance_to_corner(nearest_leaf(local, surface, tables), local, surface, tables)
     assert (np.asarray(any_bound) > expected).all()
@@ -68,19 +74,19 @@ def test_bounds_are_above_the_distance():
 def test_two_bytes_search_too():
     cloud, surface, tables, expected = setting()
     coarse = jax.tree.map(lambda x: x.astype(jnp.bfloat16), surface)
-    local = (jnp.asarray(cloud)[:, None] - surface.origin[None, None]).astype(jnp.bfloat16)
-    found = find(local, jnp.full((len(cloud), 1), jnp.inf, jnp.bfloat16), coarse, tables)
+    local = alone(cloud, surface).astype(jnp.bfloat16)
+    found = find(local, jnp.full((1, len(cloud)), jnp.inf, jnp.bfloat16), coarse, tables)
     assert (found.triangle >= 0).all()
-    assert np.abs(np.sqrt(found.squared[:, 0].astype(jnp.float32)) - expected).max() < 0.01
+    assert np.abs(np.sqrt(found.squared[0].astype(jnp.float32)) - expected).max() < 0.01
 
 
-def test_leaves_lie_between_their_planes_and_in_their_boxes():
+def test_leaves_and_branches_lie_between_their_planes_and_in_their_boxes():
     _, surface, tables, _ = setting()
-    corners = np.asarray(surface.vertices)[tables.faces].reshape(len(tables.corners), -1, 3)
-    slab = np.asarray(surface.slab)
-    height = np.einsum("lkx,xl->kl", corners, slab[:3])
-    assert (np.abs(height - slab[3]) <= slab[4]).all()
-    np.testing.assert_allclose(np.linalg.norm(slab[:3], axis=0), 1.0, atol=1e-5)
+    for slab in (np.asarray(surface.branch_slab), np.asarray(surface.slab)):
+        corners = np.asarray(surface.vertices)[tables.faces].reshape(slab.shape[1], -1, 3)
+        height = np.einsum("lkx,xl->kl", corners, slab[:3])
+        assert (np.abs(height - slab[3]) <= slab[4]).all()
+        np.testing.assert_allclose(np.linalg.norm(slab[:3], axis=0), 1.0, atol=1e-5)
     assert np.median(slab[4]) < 0.5 * np.median(surface.half.max(axis=0))  # what it is for: thin
     away = np.abs(corners - np.asarray(surface.middle).T[:, None]) - np.asarray(surface.half).T[:, None]
     assert away.max() < 1e-6
@@ -90,11 +96,12 @@ def test_branches_that_are_named_beforehand_give_the_same_answer():
     cloud, surface, tables, _ = setting()
     groups = point_groups(cloud)
     local = jnp.asarray(cloud) - surface.origin[None]
-    limit = jnp.full(groups.shape, 0.05)
-    boxes = group_boxes(local[groups].transpose(0, 2, 1), jnp.ones(groups.shape, bool))
-    words = branches_within(branch_gap_squared(*boxes, surface), limit[:, 0])
-    told = find(local[groups], limit, surface, tables, words)
-    alone = find(local[groups], limit, surface, tables)
-    np.testing.assert_array_equal(told.triangle, alone.triangle)
+    points = local.T[:, groups.T]
+    limit = jnp.full(groups.T.shape, 0.05)
+    boxes = group_boxes(points, jnp.ones(limit.shape, bool))
+    words = branches_within(branch_gap_squared(*boxes, surface), limit[0])
+    told = find(points, limit, surface, tables, words)
+    untold = find(points, limit, surface, tables)
+    np.testing.assert_array_equal(told.triangle, untold.triangle)
     nobody = branches_within(branch_gap_squared(*boxes, surface), jnp.full(len(groups), -1.0))
-    assert (find(local[groups], limit, surface, tables, nobody).triangle == -1).all()
+    assert (find(points, limit, surface, tables, nobody).triangle == -1).all()
