@@ -1,14 +1,14 @@
 """Milliseconds per frame of collision handling alone, on rollouts made without it.
 
     python infer.py models/skirt --motion CLIP.h5 --no-collision --out raw/CLIP.h5
-    python benchmarks/collision.py raw/*.h5 [--solver-alone] [--whole-body] [--subdivide] [--json FILE]
+    python benchmarks/collision.py raw/*.h5 [--solver-alone] [--whole-body] [--vertices N] [--json FILE]
 
 All that `infer.py` does there: limbs followed, the solver, stretched cloth shortened; with --solver-alone
 only the second. Frames follow each other, each beginning from the last one's state, with garment and body on
 the device. One call a frame is what an engine does ("median", "95 %", "contact", "free"); "stretch" is a
 frame's share of a call of 64, what `infer.py` and `collide` do. "contact" are the frames that had something
-to resolve, "free" the others. --whole-body takes all of the body in place of the collider, --subdivide cuts
-every triangle of the garment into four. Without compilation, which is given by itself.
+to resolve, "free" the others. --whole-body takes all of the body in place of the collider, --vertices
+halves the longest edges of the garment until it has that many. Without compilation, which is given by itself.
 """
 
 import argparse
@@ -19,7 +19,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import trimesh
 from measured import report
 
 from garment_jax.body.carried import carried_points, pose_carried
@@ -53,8 +52,31 @@ def whole(scene: Scene) -> Scene:
     return scene._replace(collider=everything(scene.body))
 
 
+def halved(faces: np.ndarray, template: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the faces with the `many` longest edges halved, and these edges `[many, 2]`."""
+    n, sides = len(template), np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=-1)
+    edges, side = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+    if not 0 <= many <= len(edges):
+        raise SystemExit(f"--vertices: {n + many} of {n} cannot be; give {n} to {n + len(edges)}.")
+    longest = np.argsort(-np.linalg.norm(template[edges[:, 0]] - template[edges[:, 1]], axis=1))[:many]
+    middle = np.full(len(edges), -1)
+    middle[longest] = n + np.arange(many)
+    new: list[tuple[int, int, int]] = []
+    for face, cut in zip(faces, middle[side.reshape(-1, 3)], strict=True):
+        sides_cut = (cut >= 0).sum()
+        first = [0, cut.argmax(), cut.argmin() + 1, 0][sides_cut]  # those that are cut come first
+        (a, b, c), (ab, bc, ca) = np.roll(face, -first), np.roll(cut, -first)
+        new += [
+            [(a, b, c)],
+            [(a, ab, c), (ab, b, c)],
+            [(ab, b, bc), (a, ab, bc), (a, bc, c)],
+            [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)],
+        ][sides_cut]
+    return np.array(new, np.int32), edges[longest]
+
+
 def read(path: Path, options: argparse.Namespace) -> Clip:
-    """Return one clip, cut into finer triangles and with the whole body where `options` say so."""
+    """Return one clip, in more vertices and with the whole body where `options` say so."""
     with open_sequence(path) as clip:
         scene, motion, count = clip.scene, clip.motion, min(options.frames, clip.frames)
         V = to_root(clip.read(0, count), motion.root[:count], heading(motion.rotations[:count, 0]))
@@ -62,12 +84,11 @@ def read(path: Path, options: argparse.Namespace) -> Clip:
         scene = whole(scene)
     assert scene.collider is not None
     garment = scene.garment
-    if options.subdivide:
-        V = np.stack([trimesh.remesh.subdivide(v, garment.faces)[0] for v in V])
-        template, faces = trimesh.remesh.subdivide(garment.template, garment.faces)
-        garment = garment._replace(
-            template=template.astype(np.float32), faces=np.asarray(faces, np.int32)
-        )  # UVs stay behind: nothing here reads them
+    if options.vertices is not None:
+        T = garment.template
+        faces, edges = halved(garment.faces, T, options.vertices - len(T))
+        V, T = (np.concatenate([x, x[..., edges, :].mean(axis=-2)], axis=-2) for x in (V, T))
+        garment = garment._replace(template=T, faces=faces)  # UVs stay behind: nothing here reads them
     limbs = None if options.solver_alone else limbs_of(scene.body, scene.collider)
     posed = pose_carried(carried_points(scene, collider=True, limbs=limbs), scene, motion, slice(0, count))
     table = uniform_table(garment.faces, len(garment.template))
@@ -133,17 +154,18 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000, help="of each sequence at most")
     parser.add_argument("--solver-alone", action="store_true", help="neither limbs nor shortening")
     parser.add_argument("--whole-body", action="store_true")
-    parser.add_argument("--subdivide", action="store_true")
+    parser.add_argument("--vertices", type=int, help="of the garment, no fewer than it has")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     with open_sequence(options.sequences[0]) as clip:
         scene = clip.scene
+    vertices = len(scene.garment.template) if options.vertices is None else options.vertices
     if options.whole_body or scene.collider is None:
         scene = whole(scene)
-    solid, vertices = scene.collider, len(scene.garment.template)
+    solid = scene.collider
     assert solid is not None
     facts = {
-        "garment_vertices": f"{vertices}{' before subdivision' if options.subdivide else ''}",
+        "garment_vertices": vertices,
         "collider_vertices": len(solid.body_vertices) + (len(solid.cap_loop) > 0),
         "what": "the solver alone" if options.solver_alone else "limbs, solver and shortening",
     }

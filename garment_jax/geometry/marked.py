@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int, UInt32
 
+from garment_jax.geometry.stencil import materialised
+
 WORD = 32  # places whose marks share an integer
 
 
@@ -53,7 +55,8 @@ def select(
         word, before = word + passed, jnp.where(passed, total, before)
     word = jnp.minimum(word, w - 1)
     place = word * WORD + _place_in(words.reshape(-1)[row * w + word], rank - before)
-    return row.astype(jnp.int32), place, slot < up_to[-1]
+    # once, not for every number of what is gathered there
+    return materialised((row.astype(jnp.int32), place, slot < up_to[-1]))
 
 
 def _place_in(value: UInt32[Array, " k"], rank: Int[Array, " k"]) -> Int[Array, " k"]:

@@ -131,7 +131,7 @@ def search(
         def tests(state):
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
-            point, its = place % s * g + group[pair], branch[pair] * BRANCH + place // s
+            point, its = materialised((place % s * g + group[pair], branch[pair] * BRANCH + place // s))
             corners = materialised(surface.corners[its]).reshape(TESTS, 3, 3, LEAF).transpose(1, 2, 0, 3)
             squared = squared_distance(flat[:, point], corners)
             found = _key(materialised(squared), jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
