@@ -158,7 +158,7 @@ def find_again(
     """
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        points, last = local[:, here], made.triangle[here]
+        points, last = materialised((local[:, here], made.triangle[here]))
         bound = jnp.minimum(limit[here], distance_to(last, points, surface, tables.surface))
         bound = materialised(jnp.where(to < len(limit), bound, -1.0))
         found = search(points[:, None], bound[None], surface, tables.surface).triangle[0]
@@ -187,8 +187,8 @@ def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts
     def one(state):
         at, made = state
         word, bit, valid = select(at, ANSWERS, words, up_to)
-        to = jnp.where(valid, word * WORD + bit, n)
-        return at + ANSWERS, chunk(jnp.minimum(to, n - 1), to, made)
+        to = materialised(jnp.where(valid, word * WORD + bit, n))
+        return at + ANSWERS, chunk(materialised(jnp.minimum(to, n - 1)), to, made)
 
     return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), contacts))[1]
 

@@ -13,12 +13,12 @@ from jaxtyping import Array, Float, Int
 from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import (
     PosedSurface,
+    coordinates_of,
     distance_to,
     distance_to_corner,
     nearest_leaf,
     pose_surface,
     search,
-    triangles,
 )
 from garment_jax.geometry.surface_tables import SurfaceTables
 from garment_jax.geometry.triangle import Coordinates, closest_on_triangle, cross, dot, minus, triangle_rows
@@ -116,8 +116,9 @@ def signed_on(
 
 
 def _corners(triangle, surface: PosedSurface, tables: SurfaceTables) -> tuple[Coordinates, ...]:
-    corners = triangles(triangle, surface, tables)
-    return tuple(tuple(corners[:, k, x] for x in range(3)) for k in range(3))
+    vertex = materialised(jnp.asarray(tables.faces)[triangle])
+    corners = coordinates_of(vertex.T, surface.flat)
+    return tuple(tuple(corners[x, k] for x in range(3)) for k in range(3))
 
 
 def _pseudo_normal(triangle, region, own: Coordinates, surface, tables) -> Coordinates:
@@ -127,11 +128,11 @@ def _pseudo_normal(triangle, region, own: Coordinates, surface, tables) -> Coord
     which alone gives the right sign there (Baerentzen and Aanaes 2005).
     """
     faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
-    a, b, c = _corners(across[triangle, jnp.clip(region - 1, 0, 2)], surface, tables)
+    a, b, c = _corners(materialised(across[triangle, jnp.clip(region - 1, 0, 2)]), surface, tables)
     beyond = _unit(cross(minus(b, a), minus(c, a)))
     edge = _unit(tuple(x + y for x, y in zip(own, beyond, strict=True)))
-    vertex = faces[triangle, jnp.clip(region - 4, 0, 2)]
-    corner = _fan_normal(vertex, jnp.asarray(tables.fan)[vertex], surface.vertices)
+    vertex = materialised(faces[triangle, jnp.clip(region - 4, 0, 2)])
+    corner = _fan_normal(vertex, materialised(jnp.asarray(tables.fan)[vertex]), surface.vertices)
     if len(tables.wide):
         wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.vertices)
         place = jnp.asarray(tables.wide_place)[vertex]

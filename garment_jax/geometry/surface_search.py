@@ -132,7 +132,7 @@ def search(
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
             point, its = materialised((place % s * g + group[pair], branch[pair] * BRANCH + place // s))
-            corners = materialised(surface.corners[its]).reshape(TESTS, 3, 3, LEAF).transpose(1, 2, 0, 3)
+            corners = surface.corners[its].reshape(TESTS, 3, 3, LEAF).transpose(1, 2, 0, 3)
             squared = squared_distance(flat[:, point], corners)
             found = _key(materialised(squared), jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
             point = jnp.where(valid, point, g * s)
