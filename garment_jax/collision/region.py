@@ -139,7 +139,7 @@ def _apply(x, index, weight, total):
 
 
 def _neighbours(x: Float[Array, "3 m"], index: Int[Array, "*k m"]) -> Float[Array, "3 *k m"]:
-    return jnp.stack([c.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False) for c in x])
+    return x.at[:, index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _forward(x, index, weight, weight_back, total):
