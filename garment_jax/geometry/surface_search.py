@@ -97,11 +97,6 @@ def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> 
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 
-def triangles(rows: Int[Array, "*k"], surface: PosedSurface, tables: SurfaceTables) -> Float[Array, "*k 3 3"]:
-    """Return the corners of the triangles in these rows of the tables, relative to the origin."""
-    return surface.vertices[jnp.asarray(tables.faces)[rows]]
-
-
 def search(
     points: Float[Array, "3 s g"],
     limit: Float[Array, "s g"],
