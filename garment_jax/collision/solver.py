@@ -189,8 +189,10 @@ def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, 
         return (s.steps < options.iterations) & (s.moved > options.tolerance)
 
     def violated(s: _Progress):
-        inside = frame.members.moving & s.at.known & (s.at.ds < margin)
-        return inside.any() & (s.pushes < options.projections)
+        lowest = jnp.where(frame.members.moving & s.at.known, s.at.ds, jnp.inf).min()
+        # what half of the projections left nearer than the margin, but outside, has no room for it
+        wanted = jnp.where(s.pushes < (options.projections + 1) // 2, margin, 0.0)
+        return (lowest < wanted) & (s.pushes < options.projections)
 
     def more(s: _Progress):
         return (frame.members.count > 0) & (descending(s) | violated(s))
@@ -219,8 +221,8 @@ def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, 
 def _push_margin(pushes: Array, options) -> Array:
     """Return the margin of a projection: in the second half of them, half of the last one's each time.
 
-    Pushed out of one wall by the whole margin, a vertex in a narrower gap is inside the other, and so on;
-    nearer to the wall there is room for it.
+    That half is for what is inside. Pushed out of one wall by the whole margin, a vertex in a narrower gap
+    is inside the other, and so on; nearer to the wall there is room for it.
     """
     return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
 
