@@ -20,6 +20,7 @@ from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_l
 from garment_jax.geometry.triangle import dot
 
 ROUNDS = 8  # of shortening and pushing out at most
+DONE = 0.1  # `limit_rate` that calls for no round: the last tenth took as many as all the rest
 ENOUGH = 1.0  # `limit_rate` that a round may leave. Caught cloth would try another way in every frame
 ITERATIONS = 20  # of shortening a round: after more, the planes of the contacts are no longer the body
 
@@ -69,7 +70,7 @@ def resolve_unstretched(
 
     def more(carry):
         rounds, last, _ = carry
-        return (rounds == 0) | ((last.excess > 0) & (rounds <= ROUNDS))
+        return (rounds == 0) | ((last.excess > DONE) & (rounds <= ROUNDS))
 
     def one(carry):  # the first one too: what compiles once costs half
         rounds, last, best = carry

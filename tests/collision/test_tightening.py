@@ -9,29 +9,32 @@ import numpy as np
 from garment_jax.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.collision.tightening import resolve_unstretched
 from garment_jax.evaluation.cloth import rest_lengths
-from garment_jax.geometry.strain_limit import SHARE, STRETCH, make_strain_tables
+from garment_jax.geometry.strain_limit import SHARE, STRETCH, StrainTables, limit_rate, make_strain_tables
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.structs import Garment
 from tests.collision.cloth import sheet, tables
 
 OPTIONS = CollisionOptions(iterations=40, rings=6)
 PINS = np.array([0, 23], np.int32)  # one side's ends: the cloth may slide
+HARDLY = 0.1  # `limit_rate` of 0.55 % of the edges too long
 DEEP, TOUCHING, FREE = 0.06, 0.2, 0.5  # heights of the sheet; the surface ends below 0.4
 T, FACES = sheet()
 EDGES = unique_edges(FACES)
 
 
+def strain_of(longer: float = 1.0) -> StrainTables:
+    """The sheet's, with its rest lengths times `longer`."""
+    garment = Garment(longer * T, FACES, np.zeros((len(T), 2), np.float32), FACES)
+    return make_strain_tables(garment, PINS)
+
+
 @lru_cache
 def functions():
-    made = tables()[0]
-    garment = Garment(T, FACES, np.zeros((len(T), 2), np.float32), FACES)
-    strain = make_strain_tables(garment, PINS)
-    common = {"tables": made, "pins": PINS, "options": OPTIONS}
-    plain = jax.jit(partial(resolve_collisions, **common))
-    return plain, jax.jit(partial(resolve_unstretched, strain=strain, **common))
+    common = {"tables": tables()[0], "pins": PINS, "options": OPTIONS}
+    return jax.jit(partial(resolve_collisions, **common)), jax.jit(partial(resolve_unstretched, **common))
 
 
-def both(V: np.ndarray):
+def both(V: np.ndarray, longer: float = 1.0):
     """The frame resolved without and with a care for lengths, and the states."""
     made, body, _ = tables()
     plain, unstretched = functions()
@@ -39,7 +42,7 @@ def both(V: np.ndarray):
     state, pinned = initial_state(frame, C, made.surface), frame[PINS]
     return (
         plain(frame, C, state, pin_positions=pinned),
-        unstretched(frame, C, state, as_in=frame, pin_positions=pinned),
+        unstretched(frame, C, state, as_in=frame, strain=strain_of(longer), pin_positions=pinned),
     )
 
 
@@ -71,6 +74,24 @@ def test_a_frame_that_is_not_stretched_is_what_it_is_without_bitwise():
         assert too_long(plain.V) < SHARE
         for a, b in zip(jax.tree.leaves((plain, state)), jax.tree.leaves((result, following)), strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_hardly_too_many_long_edges_call_for_no_round():
+    V = sheet(DEEP)[0]
+    frame, (plain, _) = jnp.asarray(V, jnp.float32), both(V)[0]
+
+    def rate(strain) -> float:
+        return float(limit_rate(plain.V, strain, as_in=frame))
+
+    short, long = 1.0, 2.0  # times the sheet's rest lengths: far too many long edges, and none
+    for _ in range(24):
+        strain = strain_of((short + long) / 2)
+        if 0 < rate(strain) <= HARDLY:
+            break
+        short, long = ((short + long) / 2, long) if rate(strain) > 0 else (short, (short + long) / 2)
+    assert 0 < rate(strain) <= HARDLY
+    result = both(V, (short + long) / 2)[1][0]
+    np.testing.assert_array_equal(result.V, plain.V)
 
 
 def test_cloth_that_came_in_stretched_may_stay_so():
