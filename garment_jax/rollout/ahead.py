@@ -1,4 +1,4 @@
-"""The networks, and what shapes their chunks, run one chunk ahead of collision handling, placing, writing."""
+"""The networks run a chunk ahead of what shapes their chunks, and that ahead of collisions and writing."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -50,8 +50,9 @@ def make_finisher(
     Pinned vertices are the body's, and the cloth beside them follows
     (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
-    `config.collision` says. The networks and all that comes before collisions run a chunk ahead, on another
-    thread, which knows nothing of this one's JAX settings but its device. `out_of_reach`, `programs` and
+    `config.collision` says. What comes before collisions runs a chunk ahead, on another
+    thread, and the networks a chunk ahead of that, on a third; these know nothing of this one's JAX settings but
+    its device. `out_of_reach`, `programs` and
     `facts` as in `make_animator` and `make_length_restorer`.
     """
     collision = collision and scene.collider is not None
@@ -125,7 +126,7 @@ def make_finisher(
             return Chunk(world.astype(np.float32), deepest, figures)
 
         def finish(pieces: Iterator[tuple[int, jax.Array]]) -> Iterator[Chunk]:
-            return (place(*shaped) for shaped in one_ahead(shape(pieces)))
+            return (place(*shaped) for shaped in one_ahead(shape(one_ahead(pieces))))
 
         return finish
 

@@ -23,6 +23,28 @@ def test_the_next_item_is_computed_while_this_one_is_used():
     assert list(ahead) == [1]
 
 
+def test_two_stages_are_computed_while_the_third_is_used():
+    first, second = threading.Event(), threading.Event()
+
+    def items() -> Iterator[int]:
+        yield 0
+        yield 1
+        first.set()
+        yield 2
+
+    def shaped(pieces: Iterator[int]) -> Iterator[int]:
+        for i in pieces:
+            if i:
+                assert first.wait(timeout=10)  # computed ahead of this one
+                second.set()
+            yield 10 * i
+
+    ahead = one_ahead(shaped(one_ahead(items())))
+    assert next(ahead) == 0
+    assert second.wait(timeout=10)
+    assert list(ahead) == [10, 20]
+
+
 def test_order_and_number_are_kept_and_nothing_comes_of_nothing():
     assert list(one_ahead(iter(range(7)))) == list(range(7))
     assert list(one_ahead(iter([]))) == []
