@@ -51,9 +51,8 @@ def make_finisher(
     (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
     `config.collision` says. What comes before collisions runs a chunk ahead, on another
-    thread, and the networks a chunk ahead of that, on a third; these know nothing of this one's JAX settings but
-    its device. `out_of_reach`, `programs` and
-    `facts` as in `make_animator` and `make_length_restorer`.
+    thread, and the networks a chunk ahead of that, on a third; these know nothing of this one's JAX settings
+    but its device. `out_of_reach`, `programs` and `facts` as in `make_animator` and `make_length_restorer`.
     """
     collision = collision and scene.collider is not None
     follow = collision and config.collision.limbs
