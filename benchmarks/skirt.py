@@ -11,14 +11,11 @@ all clips but each one's first two. The first compiles, and while it does the se
 
 import argparse
 import json
-import os
-import platform
 import time
-from datetime import date
 from pathlib import Path
 
-import jax
 import numpy as np
+from measured import machine
 
 from garment_jax.benchmark.methods import reconstructed
 from garment_jax.body.root_frame import to_root
@@ -106,8 +103,8 @@ def main() -> None:
     }
     rows["skinned template"] = {"rmse_cm": [skinned(model, clip) for clip in clips]}
     names = [clip.name for clip in clips]
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, {jax.default_backend()}, jax {jax.__version__}"
-    print(f"\n{date.today()}, {machine}\n")
+    where = machine()
+    print(f"\n{where['date']}, {where['processor']}, {where['cores']} cores, jax {where['jax']}\n")
     print(f"| RMSE cm | {' | '.join(names)} | mean | ms/frame |\n|{'---|' * (len(names) + 3)}")
     for name, row in rows.items():
         values = " | ".join(f"{x:.2f}" for x in row["rmse_cm"])
@@ -115,7 +112,7 @@ def main() -> None:
         print(f"| {name} | {values} | {np.mean(row['rmse_cm']):.2f} | {speed} |")
     if options.json:
         options.json.parent.mkdir(parents=True, exist_ok=True)
-        figures = {"date": str(date.today()), "machine": machine, "clips": names, "rows": rows}
+        figures = {"machine": where, "clips": names, "rows": rows}
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.limbs import Limbs
@@ -11,16 +12,14 @@ from garment_jax.structs import Motion, Scene
 
 
 class Carried(NamedTuple):
-    """The `q` points that the body carries through a scene, pins first (static).
+    """The `q` points that the body carries through a scene: pins, then the collider's vertices (static).
 
     `weighted` holds for each joint its weights times (x, y, z, 1) of the canonical points, metres.
     """
 
     pins: np.ndarray  # [p] int32 garment vertices, may be empty
     joints: np.ndarray  # [u] those that carry any point at all
-    weighted: np.ndarray  # [4 u, q] float64
-    cap: np.ndarray  # [k] points whose mean closes the collider, may be empty
-    collider: np.ndarray  # [c] points that are the collider's vertices, may be empty
+    weighted: scipy.sparse.csr_array  # [q, 4 u] float64
     bones: np.ndarray  # [b, 2] joints at the ends of the limbs' bones, may be empty
 
 
@@ -37,18 +36,21 @@ def carried_points(scene: Scene, *, collider: bool, limbs: Limbs | None = None) 
     body, garment = scene.body, scene.garment
     pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
     weights = np.zeros((0, len(body.joints)), np.float32) if scene.pins is None else scene.pins.weights
-    points, cap, shell = garment.template[pins], np.zeros(0, np.int64), np.zeros(0, np.int64)
+    points = garment.template[pins]
     bones = np.zeros((0, 2), np.int32) if limbs is None else limbs.joints
+    cap = np.zeros(0, np.int32)
     if collider and scene.collider is not None:
-        c = scene.collider
-        used = np.concatenate([c.body_vertices, c.cap_loop])
+        cap = scene.collider.cap_loop
+        used = np.concatenate([scene.collider.body_vertices, cap])
         points = np.concatenate([points, body.vertices[used]])
         weights = np.concatenate([weights, body.skin_weights[used]])
-        shell, cap = np.split(len(pins) + np.arange(len(used)), [len(c.body_vertices)])
     joints = np.flatnonzero(weights.max(axis=0, initial=0.0) > 0)
-    ones = np.concatenate([points, np.ones((len(points), 1))], axis=1).T
-    weighted = (weights.T[joints, None] * ones[None]).reshape(4 * len(joints), len(points))
-    return Carried(pins, joints, weighted, cap, shell, bones)
+    ones = np.concatenate([points, np.ones((len(points), 1))], axis=1)
+    weighted = (weights[:, joints, None] * ones[:, None]).reshape(len(points), 4 * len(joints))
+    if len(cap):  # the mean of points is carried by the mean of their rows
+        weighted, closing = np.split(weighted, [len(points) - len(cap)])
+        weighted = np.concatenate([weighted, closing.mean(axis=0, keepdims=True)])
+    return Carried(pins, joints, scipy.sparse.csr_array(weighted), bones)
 
 
 def pose_carried(carried: Carried, scene: Scene, motion: Motion, frames: slice) -> CarriedPoses:
@@ -62,21 +64,22 @@ def pose_carried(carried: Carried, scene: Scene, motion: Motion, frames: slice) 
     positions = to_root(joint_positions(rotations, root, scene.body), root.astype(np.float64), yaw)
     rotations = np.swapaxes(yaw_matrix(yaw), -1, -2)[:, None] @ rotations.astype(np.float64)
     posed = _posed(carried, rotations, positions, scene.body.joints)
-    collider = posed[:, carried.collider]
-    if len(carried.cap):
-        collider = np.concatenate([collider, posed[:, carried.cap].mean(axis=1, keepdims=True)], axis=1)
     bones = positions[:, carried.bones].astype(np.float32)
-    return CarriedPoses(posed[:, : len(carried.pins)], collider, bones)
+    pins, collider = np.split(posed, [len(carried.pins)], axis=1)
+    return CarriedPoses(pins, collider, bones)
 
 
 def _posed(carried: Carried, rotations: np.ndarray, positions: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return the points `[k, q, 3]` float32 of `pose_points`, in one product for all frames.
 
-    Frame by frame the product has three columns, and takes thirty times as long. In float64:
+    Frame by frame the product has three columns, and takes thirty times as long. Sparse, as weights are: a
+    dense one takes as long, and a BLAS of several threads keeps them turning for milliseconds after it,
+    on cores that the networks and collisions need: with it a rollout took a quarter longer. In float64:
     a pin that is 2e-7 m off in float32 moved the cloth beside it by 80 times that (`edge_lengths`).
     """
     R, rest = rotations[:, carried.joints], joints[carried.joints].astype(np.float64)
     offset = positions[:, carried.joints] - (R @ rest[:, :, None])[..., 0]
-    affine = np.concatenate([R, offset[..., None]], axis=3).transpose(0, 2, 1, 3).reshape(3 * len(R), -1)
-    planes = (affine @ carried.weighted).astype(np.float32).reshape(len(R), 3, -1)
-    return np.ascontiguousarray(planes.transpose(0, 2, 1))
+    affine = np.concatenate([R, offset[..., None]], axis=3).transpose(1, 3, 0, 2)  # [u, 4, k, 3]
+    rows = carried.weighted @ np.ascontiguousarray(affine).reshape(4 * len(rest), 3 * len(R))
+    points = rows.astype(np.float32).reshape(len(rows), len(R), 3)
+    return np.ascontiguousarray(points.transpose(1, 0, 2))
