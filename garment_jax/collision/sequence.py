@@ -23,6 +23,11 @@ from garment_jax.collision.tightening import resolve_unstretched
 from garment_jax.geometry.strain_limit import StrainTables
 
 _MM = 1e3  # per metre
+# XLA on a CPU shares a loop out among threads from some microseconds on. A small garment's are hardly longer:
+# shared out they take a sixth longer, and half as much of the processor again; from some 9,000 vertices on it
+# pays. No other compiler knows a pass of that name.
+_ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+_FEW = 8_000  # vertices
 
 
 class Carry(NamedTuple):
@@ -76,7 +81,7 @@ def make_resolver(
     It resolves the frames one after the other (section 3.5) and returns the carry, the garment
     `[k, n, 3]` and the figures. With `sides` also what limbs have passed through is put back first;
     `bones` `[k, q, 2, 3]` are then theirs. With `strain` cloth that all this stretches is shortened.
-    Metres, root frames. One `k` compiles once: pad the last stretch.
+    Metres, root frames. One `k` compiles once: pad the last stretch. Not to be called under `jit`.
     """
 
     def sides_kept(carry: Carry, v: jax.Array, ends: jax.Array | None, kept: jax.Array):
@@ -93,7 +98,7 @@ def make_resolver(
 
         return jax.lax.cond(kept, stands, goes_on)
 
-    @jax.jit
+    @partial(jax.jit, compiler_options=_ONE_THREAD if len(tables.index) < _FEW else None)
     def resolve(
         carry: Carry,
         V: jax.Array,
