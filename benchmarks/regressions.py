@@ -10,15 +10,19 @@ differs between runs on a shared machine (`docs/performance.md`).
 
 import argparse
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 from counts import frame_work, parameter_bytes
 from machine_rates import matmul_rate, read_rate
 from measured import report
-from pipeline_speed import collision_samples, network_samples
+from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import Case, dressed, make_case, sized_config
 from up_convolution import decoder_ratios, measured
+
+from garment_jax.body.carried import carried_points, pose_carried
+from garment_jax.structs import Motion, Scene
 
 FRAMES, COPIES = 128, 16
 DECODERS = ("UV 128", "UV 64, batch of 48")  # one frame at UV 64 is too short: 0.57 to 0.83 on one machine
@@ -41,6 +45,19 @@ def free_over_contact(case: Case) -> float:
     return float(np.median(free) / np.median(contact))
 
 
+def turning_on(scene: Scene, motion: Motion) -> float:
+    """Return which part of a processor this process takes while it waits, just after the body was posed."""
+    carried = carried_points(scene, collider=True)
+    used, waited = 0.0, 0.0
+    time.sleep(0.5)  # what made the scene may have left threads turning as well
+    for start in range(0, FRAMES - CHUNK + 1, CHUNK):
+        pose_carried(carried, scene, motion, slice(start, start + CHUNK))
+        processor, began = time.process_time(), time.perf_counter()
+        time.sleep(0.02)
+        used, waited = used + time.process_time() - processor, waited + time.perf_counter() - began
+    return used / waited
+
+
 def judged(name: str, value: float, *, at_most: float | None = None, at_least: float | None = None) -> dict:
     """Return a row with its verdict."""
     held = (at_most is None or value <= at_most) and (at_least is None or value >= at_least)
@@ -51,6 +68,7 @@ def judged(name: str, value: float, *, at_most: float | None = None, at_least: f
 def rows() -> list[dict]:
     """Measure every ratio."""
     scene, motion = dressed(None, FRAMES)
+    idle = turning_on(scene, motion)  # before anything else leaves threads turning
     case = make_case(scene, motion, vertices=9_352, config=sized_config(128))
     small = make_case(scene, motion, vertices=2_800, config=sized_config(64))
     chunk = float(np.median(network_samples(case)))
@@ -59,6 +77,7 @@ def rows() -> list[dict]:
         judged("networks: the machine's limit / a frame", of_limit(case, chunk), at_least=0.25),
         judged(f"networks: frames/s of {COPIES} motions / of one", chunk / batch, at_least=1.1),
         judged("solver: a frame without contact / with", free_over_contact(small), at_most=0.3),
+        judged("posing the body: processors busy after it", idle, at_most=0.2),
     ]
     decoders = decoder_ratios(measured())
     return found + [judged(f"up-convolutions / transposed, {d}", decoders[d], at_most=0.95) for d in DECODERS]
