@@ -136,11 +136,12 @@ def spheres(count: int) -> Clip:
     T, faces = outer.vertices.astype(np.float32), np.asarray(outer.faces, np.int32)
     surface = make_surface_tables(inner.vertices.astype(np.float32), np.asarray(inner.faces, np.int32))
     V = T + 2e-3 * np.sin(np.arange(count))[:, None, None]
-    nowhere = np.zeros((count, 0, 3)), np.broadcast_to(inner.vertices, (count, *inner.vertices.shape))
-    frames = (V, *nowhere, np.zeros((count, 0, 2, 3)))
+    still = np.broadcast_to(inner.vertices, (count, *inner.vertices.shape))
+    frames = V, np.zeros((count, 0, 3)), still, np.zeros((count, 0, 2, 3))
     tables = make_collision_tables(T, uniform_table(faces, len(T)), surface)
-    settings = {"pins": np.zeros(0, np.int32), "options": CollisionOptions(eps=CollisionConfig.eps)}
-    return Clip(tuple(x.astype(np.float32) for x in frames), tables, {**settings, "sides": None})
+    options = CollisionOptions(eps=CollisionConfig.eps)
+    settings = {"pins": np.zeros(0, np.int32), "options": options, "sides": None}
+    return Clip(tuple(x.astype(np.float32) for x in frames), tables, settings)
 
 
 def measure(name: str, clip: Clip) -> dict:

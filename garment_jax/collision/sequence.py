@@ -24,8 +24,8 @@ from garment_jax.geometry.strain_limit import StrainTables
 
 _MM = 1e3  # per metre
 # XLA on a CPU shares a loop out among threads from some microseconds on. A small garment's are hardly longer:
-# shared out they take a sixth longer, and half as much of the processor again; from some 9,000 vertices on it
-# pays. No other compiler knows a pass of that name.
+# shared out they take a sixth longer, and half as much of the processor again; at 9,000 vertices it hardly
+# matters, at 30,000 it pays. No other compiler knows a pass of that name.
 _ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
 _FEW = 8_000  # vertices
 

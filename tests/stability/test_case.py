@@ -45,7 +45,7 @@ def test_a_refusal_is_green_only_as_one_sentence_with_its_words():
     assert verdict("something else") == RED
     assert verdict("fps\nand more") == RED
     assert refused("g", "c", lambda: None, ["fps"]).value == "accepted in silence"
-    shown = refused("g", "c", lambda: refuse("/tmp/x/clip.h5 has 15 fps"), ["fps"], hide="/tmp/x/")
+    shown = refused("g", "c", lambda: refuse("/clips/x/clip.h5 has 15 fps"), ["fps"], hide="/clips/x/")
     assert shown.value == "clip.h5 has 15 fps"
 
 
