@@ -23,7 +23,7 @@ from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_skinned_template
 from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.rollout.model import Model, template_for, without_swing
 from garment_jax.rollout.variants import without_lengths
 from garment_jax.training.pipeline import trained_model
 
@@ -79,6 +79,7 @@ def main() -> None:
     clips = [Clip(path) for path in sorted(options.clips.glob("*.h5"))]
     variants: dict[str, tuple[Model, dict]] = {
         "whole model": (model, {}),
+        **({"no swing": (without_swing(model), {})} if "swing" in model.params else {}),
         "no collision": (model, {"collision": False}),
         "no collision, no lengths": (without_lengths(model), {"collision": False}),
         "no collision, no detail": (model, {"collision": False, "detail": False}),

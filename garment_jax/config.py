@@ -112,27 +112,22 @@ class DetailConfig:
 
 
 @dataclass(frozen=True)
-class DynamicsConfig:
-    """The local dynamics, a learned simulator in place of the motion encoder (not in the paper)."""
+class SwingConfig:
+    """The swing: a recurrent network on a ring of columns, which corrects the codes (not in the paper)."""
 
     steps: int = 0  # windows; 0 leaves the stage out
-    begin_from: str = ""  # folder of a saved model whose local dynamics training goes on from; "": fresh ones
-    rows: int = 28  # texels of its map in v, a multiple of `patch`; about as many as vertices
-    columns: int = 112  # texels in u, a multiple of `patch`
-    patch: int = 4  # texels along each side of a patch, even
-    channels: tuple[int, ...] = (48, 64)  # two widths: on patches, and on pairs of patches
-    points: int = 192  # points of the body that the cloth is held against
-    lambda_laplacian: float = 3.0  # without it the cloth is rough where patches are coarse
-    noise: float = 0.003  # metres; mean of the noise on true starts while training
-    window: int = 12  # frames of truncated back-propagation
-    lanes: int = 10  # clips trained side by side
-    from_first: float = 0.2  # part of the lanes that begin at a clip's first frame
-    true_starts: float = 0.8  # part of the lanes that begin from a true frame, the rest skinned
-    grace: int = 25  # frames after a skinned start within a clip whose error counts less
-    lane_windows: int = 27  # windows after which a lane begins anew, at the end of training
-    growth: float = 0.6  # part of the steps over which lanes grow to that length from one window
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-4
+    columns: int = 28  # sectors around the garment
+    rows: int = 8  # cells from the pins to the hem
+    hidden: int = 64  # width of each column's recurrent state
+    width: int = 128  # of the layers between
+    around: int = 5  # columns that a convolution sees, odd
+    noise: float = 0.01  # metres; noise on true starts while training
+    window: int = 30  # frames of truncated back-propagation
+    lanes: int = 32  # clips trained side by side
+    from_first: float = 0.5  # part of the lanes that begin at a clip's first frame, the rest at a true one
+    lane_windows: int = 25  # windows after which a lane begins anew
+    learning_rate: float = 2e-3
+    weight_decay: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -183,6 +178,7 @@ class TrainingConfig:
 class RolloutConfig:
     chunk: int = 256  # frames per compiled piece
     lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
+    swing: float = 0.7  # part of the way from the codes to the swing that the cloth goes
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ class Config:
     generative: GenerativeConfig = field(default_factory=GenerativeConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     detail: DetailConfig = field(default_factory=DetailConfig)
-    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    swing: SwingConfig = field(default_factory=SwingConfig)
     collision: CollisionConfig = field(default_factory=CollisionConfig)
     baselines: BaselinesConfig = field(default_factory=BaselinesConfig)
     training: TrainingConfig = field(default_factory=TrainingConfig)
@@ -203,9 +199,9 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"rows", "columns", "patch", "points", "log_every", "chunk", "components", "bones"}
+    | {"rows", "columns", "width", "around", "log_every", "chunk", "components", "bones"}
 )
-_PARTS = frozenset({"dropout", "from_first", "true_starts", "growth", "warmup", "final_rate"})
+_PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
 _RESULT_FREE = ("training.log_every", "training.checkpoint_seconds", "collision.", "rollout.", "baselines.")
@@ -230,6 +226,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
 def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") -> Config:
     """Build a checked Config from nested dicts as TOML or JSON give them (inverse of `to_dict`)."""
     sections = get_type_hints(Config)
+    table = _without_dynamics(table, source)
     _refuse_unknown(table, sections, kind="section", source=source)
     built = {}
     for name, entries in table.items():
@@ -299,19 +296,20 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, dynamics, lengths, begin_from) counts where it
+    What came later (baselines, decomposition, skin_reach, swing, lengths, begin_from) counts where it
     differs from the defaults, so that older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
-    if config.dynamics == DynamicsConfig():
-        del values["dynamics"]
+    if config.swing == SwingConfig():
+        del values["swing"]
     for key in ("decomposition", "skin_reach"):
         if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
             del values["generative"][key]
-    if config.rollout.lengths == RolloutConfig().lengths:
-        del values["rollout"]["lengths"]
+    for key in ("lengths", "swing"):
+        if getattr(config.rollout, key) == getattr(RolloutConfig(), key):
+            del values["rollout"][key]
     if not config.training.begin_from:
         del values["training"]["begin_from"]
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
@@ -322,9 +320,20 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[tuple[st
     keys = [(s, k) for s in {**old, **new} for k in {**old.get(s, {}), **new.get(s, {})}]
     pairs = [(f"{s}.{k}", old.get(s, {}).get(k), new.get(s, {}).get(k)) for s, k in keys]
     free = _RESULT_FREE
-    if not old.get("dynamics", {}).get("steps"):
-        free += ("dynamics.",)  # a stage that was off may be added: the others do not read it
+    if not old.get("swing", {}).get("steps"):
+        free += ("swing.",)  # a stage that was off may be added: the others do not read it
     return [(name, a, b) for name, a, b in pairs if a != b and not name.startswith(free)]
+
+
+def _without_dynamics(table: Mapping[str, Any], source: str) -> Mapping[str, Any]:
+    """Return `table` without the section of the local dynamics, which older models name."""
+    old = table.get("dynamics")
+    if isinstance(old, Mapping) and old.get("steps", 0):
+        raise ValueError(
+            f"{source}: [dynamics] has steps = {old['steps']}, and local dynamics are no more; the "
+            "swing takes their place: give [swing] steps (configs/skirt.toml), and train again."
+        )
+    return {name: entries for name, entries in table.items() if name != "dynamics"}
 
 
 def _spell_none(entries: dict[str, Any]) -> dict[str, Any]:

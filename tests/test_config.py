@@ -194,3 +194,12 @@ def test_shipped_configurations_load_and_their_head_names_the_command(path: Path
     load_config(path)
     head = path.read_text(encoding="utf-8").split("[", 1)[0]
     assert f"python train.py configs/{path.name}" in head
+
+
+def test_the_local_dynamics_of_older_models_are_dropped_and_refused_where_they_moved_the_cloth():
+    table = to_dict(Config()) | {"dynamics": {"steps": 0, "patch": 4}}
+    assert from_dict(table) == Config()
+    with pytest.raises(ValueError, match=r"\[dynamics\] has steps = 3000, and local dynamics are no more"):
+        from_dict(to_dict(Config()) | {"dynamics": {"steps": 3000}})
+    with pytest.raises(ValueError, match="unknown section 'dynamic'"):
+        from_dict({"dynamic": {"steps": 0}})

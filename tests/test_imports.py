@@ -24,7 +24,7 @@ ROOMS = (
     "generative",
     "motion",
     "detail",
-    "dynamics",
+    "swing",
     "collision",
     "rollout",
     "training",
@@ -38,7 +38,7 @@ ROOMS = (
     "cli",
 )
 MODULES = sorted(PACKAGE.rglob("*.py"))
-NETWORK_ROOMS = {"generative", "motion", "detail", "dynamics"}
+NETWORK_ROOMS = {"generative", "motion", "detail"}
 FORBIDDEN_NAMES = {"utils", "helpers", "common", "misc"}
 
 

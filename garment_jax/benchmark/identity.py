@@ -52,8 +52,8 @@ def learnt(config: Config, method: str) -> dict[str, dict[str, Any]]:
         section, _, key = name.partition(".")
         if name != "data.dir":
             picked.setdefault(section, {})[key] = value
-    if method == OURS and config.dynamics.steps:  # left out by `differences`: a stage that was off before
-        picked["dynamics"] = {k: v for k, v in table["dynamics"].items() if v != default["dynamics"][k]}
+    if method == OURS and config.swing.steps:  # left out by `differences`: a stage that was off before
+        picked["swing"] = {k: v for k, v in table["swing"].items() if v != default["swing"][k]}
     if method != OURS:  # `differences` leaves this section out, which changes nothing of ours
         own = {k: v for k, v in table["baselines"].items() if v != default["baselines"][k]}
         picked |= {"baselines": own} if own else {}

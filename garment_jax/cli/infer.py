@@ -20,7 +20,7 @@ def infer(
     model: str,
     motion: str,
     out: str | None,
-    no_dynamics: bool = False,
+    no_swing: bool = False,
     no_detail: bool = False,
     no_lengths: bool = False,
     no_collision: bool = False,
@@ -52,7 +52,7 @@ def infer(
         facts,
         scene,
         moves,
-        dynamics=not no_dynamics,
+        swing=not no_swing,
         detail=not no_detail,
         collision=not no_collision,
         pixel_mm=lod,
@@ -79,9 +79,9 @@ def infer(
 
 
 def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
-    from garment_jax.rollout.model import without_dynamics
+    from garment_jax.rollout.model import without_swing
 
-    return model if plan.dynamics else without_dynamics(model)
+    return model if plan.swing else without_swing(model)
 
 
 def _facts(path: str):
@@ -140,13 +140,11 @@ def _within(
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
     chosen = choose(rows, times, budget_ms)
     v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
-    for part in ("dynamics", "detail", "collision"):
+    for part in ("swing", "detail", "collision"):
         if getattr(plan, part) and not getattr(v, part):
             plan = plan._replace(**{part: False}, why={**plan.why, part: why})
     if plan.lengths and not v.lengths:
         plan = plan._replace(lengths=False, why={**plan.why, "edge lengths": why})
-    if not v.dynamics:
-        plan = plan._replace(detail=v.detail)
     line = (
         f"budget {budget_ms:g} ms: {chosen.name}, {times[chosen.name]:.1f} ms a frame here, "
         f"error {chosen.error_cm:.2f} cm on the validation clip (whole model {rows[0].error_cm:.2f} cm, "
@@ -160,14 +158,12 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
     from garment_jax.rollout.variants import stored_variants
 
     rows = stored_variants(path)[0]
-    if "dynamics" not in model.params:
-        by_codes = [row for row in rows if not row.variant.dynamics]
-        # not wanted here: what is left are its codes' variants, under their own names
-        rows = [row._replace(name=row.name.removeprefix("no dynamics, ")) for row in by_codes] or rows
     return [
         row
         for row in rows
-        if (row.variant.detail <= plan.detail or plan.dynamics) and row.variant.collision <= plan.collision
+        if row.variant.detail <= plan.detail
+        and row.variant.swing <= plan.swing
+        and row.variant.collision <= plan.collision
     ]
 
 
@@ -179,11 +175,10 @@ def _explained(
     from garment_jax.rollout.plan import CLEARANCE, reachable_triangles
     from garment_jax.rollout.plan_report import part_costs, parts, plan_lines
 
-    collision, local = scene.collider is not None, "dynamics" in model.params
-    detail = "detail" in model.params and not local
-    names = parts(detail, collision, local)
+    collision, detail = scene.collider is not None, "detail" in model.params
+    names = parts(detail, collision)
     times = frame_times(model, scene, motion, names, folder=here.folder, store=here.store)
-    costs = part_costs(times, detail=detail, collision=collision, dynamics=local)
+    costs = part_costs(times, detail=detail, collision=collision)
     margin = model.config.collision.eps + CLEARANCE
     reachable = reachable_triangles(scene, motion, margin=margin)
     return plan_lines(plan, costs, variant=name, reachable=reachable, frames=len(motion.root))

@@ -6,7 +6,7 @@ from operator import itemgetter
 import jax
 import numpy as np
 
-from garment_jax.config import DynamicsConfig, GenerativeConfig, MotionConfig
+from garment_jax.config import GenerativeConfig, MotionConfig
 from garment_jax.data.lanes import LaneWindow, frame_weights, make_schedule
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, targets_of, unposed_targets_of
 from garment_jax.structs import FrameInput
@@ -37,7 +37,7 @@ def spread_frames(data: DataSet, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def lane_schedule(
     data: DataSet,
-    config: MotionConfig | DynamicsConfig,
+    config: MotionConfig,
     *,
     lanes: int,
     steps: int,
@@ -102,6 +102,6 @@ def generative_frames(config: GenerativeConfig, data: DataSet, seed: int) -> Cal
     return lambda step: random_frames(data, config.batch, seed=seed, step=step)
 
 
-def lane_weights(lanes: LaneWindow, config: MotionConfig | DynamicsConfig) -> np.ndarray:
+def lane_weights(lanes: LaneWindow, config: MotionConfig) -> np.ndarray:
     """Return the weight of every frame's error, `[W, L]`."""
     return frame_weights(lanes, config.window, config.grace)

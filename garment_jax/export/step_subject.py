@@ -12,7 +12,7 @@ from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
 from garment_jax.motion.network import MotionCarry
-from garment_jax.rollout.model import Model, check_codes, skinned_template, template_for
+from garment_jax.rollout.model import Model, skinned_template, template_for
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
@@ -36,7 +36,6 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
     cannot be read or shows another garment.
     """
     model = trained_model(run_or_model)
-    check_codes(model.params)
     with open_sequence(clip) as sequence:
         scene, motion = sequence.scene, sequence.motion
     template, seeds = template_for(model, scene, str(clip))

@@ -22,7 +22,7 @@ from garment_jax.data.validation import check_input
 from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
 from garment_jax.rollout.finish import Chunk, make_finisher
-from garment_jax.rollout.model import Model, facts_of, template_for, without_dynamics
+from garment_jax.rollout.model import Model, facts_of, template_for, without_swing
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.rollers import make_roller
 from garment_jax.structs import Motion, Scene
@@ -143,7 +143,7 @@ def animate_file(
         encoding, scale = _stored_as(sequence)
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
-    model = model if plan.dynamics else without_dynamics(model)
+    model = model if plan.swing else without_swing(model)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
     figures: list = []

@@ -4,7 +4,7 @@ import contextlib
 import json
 import zipfile
 import zlib
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ class Model(NamedTuple):
     """Trained parameters and what describes them; the garment itself comes with the clip."""
 
     config: Config
-    params: dict  # "generative", "motion" and perhaps "detail"; "dynamics", alone or beside them
+    params: dict  # "generative", "motion" and perhaps "detail" and "swing"
     statistics: Statistics
     garment_hash: str
     vertices: int
@@ -47,19 +47,9 @@ def facts_of(model: Model) -> ModelFacts:
     return ModelFacts(model.config, frozenset(model.params), model.vertices, model.fps)
 
 
-def check_codes(parts: Container[str]) -> None:
-    """Raise `ValueError` unless codes can move the cloth: a run may hold the local dynamics alone."""
-    if "motion" not in parts:
-        raise ValueError("this model has only local dynamics, no codes; name one with all stages trained.")
-
-
-def without_dynamics(model: Model) -> Model:
-    """Return the model that moves by its codes, itself where it has no dynamics.
-
-    Raises `ValueError` as `check_codes` does.
-    """
-    check_codes(model.params)
-    return model._replace(params={k: v for k, v in model.params.items() if k != "dynamics"})
+def without_swing(model: Model) -> Model:
+    """Return the model that moves by its codes alone, the paper's way; itself where it has no swing."""
+    return model._replace(params={k: v for k, v in model.params.items() if k != "swing"})
 
 
 def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:

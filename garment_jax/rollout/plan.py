@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.carried import carried_points
-from garment_jax.rollout.model import ModelFacts, check_codes
+from garment_jax.rollout.model import ModelFacts
 from garment_jax.rollout.reach import cloth_reach, motion_gaps
 from garment_jax.structs import Motion, Scene
 
@@ -21,7 +21,7 @@ CLEARANCE = 0.01  # metres beyond the margin: float32, and the solver's own look
 class ScenePlan(NamedTuple):
     """Which stages run, and why."""
 
-    dynamics: bool  # the local dynamics move the cloth; without them the codes do
+    swing: bool  # the swing corrects the codes
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
     lengths: bool  # edges that are too short come back to their lengths
@@ -39,31 +39,26 @@ def make_plan(
     scene: Scene,
     motion: Motion,
     *,
-    dynamics: bool = True,
+    swing: bool = True,
     detail: bool = True,
     collision: bool = True,
     pixel_mm: float | None = None,
     detail_mm: float | None = None,
 ) -> ScenePlan:
-    """Return the plan of `motion` for the model; `dynamics`, `detail` and `collision` off override all else.
+    """Return the plan of `motion` for the model; `swing`, `detail` and `collision` off override all else.
 
     `pixel_mm`: what a pixel covers of the garment; detail that moves the cloth by less than half of it
-    (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive, and
-    where only dynamics are there and not wanted.
+    (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive.
     """
     if pixel_mm is not None and not pixel_mm > 0:
         raise ValueError(f"--lod {pixel_mm:g} is not a size; give what a pixel covers, in millimetres.")
-    local = dynamics and "dynamics" in model.parts
-    if not local:
-        check_codes(model.parts)
-    state = local or model.config.motion.previous_state
+    state = model.config.motion.previous_state
+    swings, why_swings = _swing(model, swing)
     fine, why_fine = _detail(model, detail, pixel_mm, detail_mm)
-    if local:
-        fine, why_fine = False, "reads a code; the local dynamics need none"
     lengths = model.config.rollout.lengths
     solve, far, nearest, why_solve = _collision(model, scene, motion, collision)
     why = {
-        "dynamics": _dynamics(model, dynamics),
+        "swing": why_swings,
         "previous state": "trained with it: frame after frame"
         if state
         else "trained without it: decoded at once",
@@ -71,23 +66,23 @@ def make_plan(
         "edge lengths": "wanted" if lengths else "not wanted",
         "collision": why_solve,
     }
-    unread = _unread(model, local, fine)
+    unread = _unread(model, swings, fine)
     triangles = 0 if scene.collider is None else len(scene.collider.faces)
     writes = ("vertices", "extra/outside_training_range", *(("extra/collision_*",) if solve else ()))
-    return ScenePlan(local, state, fine, lengths, solve, far, why, unread, triangles, nearest, writes)
+    return ScenePlan(swings, state, fine, lengths, solve, far, why, unread, triangles, nearest, writes)
 
 
-def _dynamics(model: ModelFacts, wanted: bool) -> str:
-    if "dynamics" not in model.parts:
-        return "not trained: codes move the cloth"
-    return "in place of the codes" if wanted else "not wanted: codes move the cloth"
+def _swing(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
+    if "swing" not in model.parts:
+        return False, "not trained"
+    if not wanted or not model.config.rollout.swing:
+        return False, "not wanted: codes alone move the cloth"
+    return True, f"wanted: {model.config.rollout.swing:.0%} of the way from the codes to it"
 
 
-def _unread(model: ModelFacts, local: bool, fine: bool) -> tuple[str, ...]:
+def _unread(model: ModelFacts, swings: bool, fine: bool) -> tuple[str, ...]:
     """Return the parameters that no stage of the plan reads."""
-    if local:
-        return tuple(sorted(model.parts - {"dynamics"}))
-    off = [name for name, on in (("detail", fine), ("dynamics", False)) if not on and name in model.parts]
+    off = [name for name, on in (("detail", fine), ("swing", swings)) if not on and name in model.parts]
     return ("generative/E_gen", *off)
 
 

@@ -5,25 +5,20 @@ import numpy as np
 from garment_jax.rollout.plan import ScenePlan
 
 
-def parts(detail: bool, collision: bool, dynamics: bool = False) -> tuple[str, ...]:
+def parts(detail: bool, collision: bool) -> tuple[str, ...]:
     """Return the names of the variants whose times tell the parts' costs; the cheapest first."""
-    names = ["no collision"] if detail or dynamics else []
-    names = names if dynamics else ["no collision, no detail", *names]
-    names += (["whole"] if detail or dynamics else ["no detail"]) if collision else []
+    names = ["no collision, no detail", *(["no collision"] if detail else [])]
+    names += (["whole"] if detail else ["no detail"]) if collision else []
     return tuple(names)
 
 
-def part_costs(
-    ms: dict[str, float], *, detail: bool, collision: bool, dynamics: bool = False
-) -> dict[str, float]:
+def part_costs(ms: dict[str, float], *, detail: bool, collision: bool) -> dict[str, float]:
     """Return milliseconds a frame of each part: differences of `ms`, the variants' times by name."""
-    costs = {"networks": ms["no collision" if dynamics else "no collision, no detail"]}
+    costs = {"networks": ms["no collision, no detail"]}
     if detail:
         costs["detail"] = max(ms["no collision"] - ms["no collision, no detail"], 0.0)
     if collision:
-        above = (
-            ms["whole"] - ms["no collision"] if detail or dynamics else ms["no detail"] - costs["networks"]
-        )
+        above = ms["whole"] - ms["no collision"] if detail else ms["no detail"] - costs["networks"]
         costs["collision"] = max(above, 0.0)
     return costs
 
@@ -58,15 +53,9 @@ def _rows(plan: ScenePlan, costs: dict[str, float]) -> list[tuple[str, str, str,
         return f"{costs[name]:.2f}" if runs else f"saves {costs[name]:.2f}"
 
     state = "on" if plan.previous_state else "off"
-    what = "local dynamics" if plan.dynamics else "motion encoder and decoders"
-    rows = [("networks", "on", spelled("networks", True), f"{what}, pins, world placement")]
+    rows = [("networks", "on", spelled("networks", True), "encoder, decoders, pins, world placement")]
     rows.append(
-        (
-            "dynamics",
-            "on" if plan.dynamics else "off",
-            "in networks" if plan.dynamics else "-",
-            plan.why["dynamics"],
-        )
+        ("swing", "on" if plan.swing else "off", "in networks" if plan.swing else "-", plan.why["swing"])
     )
     rows.append(
         ("previous state", state, "in networks" if plan.previous_state else "-", plan.why["previous state"])

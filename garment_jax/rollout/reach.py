@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.carried import Carried, pose_carried
+from garment_jax.geometry.ways import ways_to_pins
 from garment_jax.structs import Garment, Motion, Scene
 
 STRETCH = 0.25  # part by which a way over the cloth may lengthen before a rollout is checked anew
@@ -30,30 +31,13 @@ def cloth_reach(garment: Garment, pins: np.ndarray, *, stretch: float = STRETCH)
     """Return how far the vertices get from `pins` `[p]`, or None: a part that hangs on none has no bound."""
     if not len(pins):
         return None
-    way, pin = _ways(garment, pins)
+    way, pin = ways_to_pins(garment, pins)
     length = (1.0 + stretch) * way
     if not np.isfinite(length).all():
         return None
     radius = np.zeros(len(pins))
     np.maximum.at(radius, pin, length)
     return Reach(pin, length, _grouped(garment.template[pins]), radius)
-
-
-def _ways(garment: Garment, pins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each vertex' shortest way over edges to a pin, metres, and the row of that pin."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import dijkstra
-
-    from garment_jax.geometry.topology import unique_edges
-
-    n, edges = len(garment.template), unique_edges(garment.faces)
-    ends = garment.template[edges].astype(np.float64)
-    length = np.maximum(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 1e-12)  # 0 would be no edge at all
-    graph = coo_matrix((length, (edges[:, 0], edges[:, 1])), (n, n)).tocsr()
-    way, _, source = dijkstra(graph, directed=False, indices=pins, min_only=True, return_predecessors=True)
-    row = np.zeros(n, np.int64)
-    row[pins] = np.arange(len(pins))
-    return way, np.where(source < 0, 0, row[np.maximum(source, 0)])
 
 
 def _grouped(points: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from garment_jax.config import Config
-from garment_jax.rollout.model import Model, without_dynamics
+from garment_jax.rollout.model import Model, without_swing
 
 FILE = "variants.json"
 
@@ -23,7 +23,7 @@ class Variant(NamedTuple):
     detail: bool = True
     collision: bool = True
     lengths: bool = True  # edges that are too short come back to their lengths
-    dynamics: bool = True  # where the model has them
+    swing: bool = True  # where the model has one
     iterations: int | None = None  # of the collision solver at most; None: the model's
     rank: int | None = None  # of D_rec's last layer; None: the model's
     last_layers: str = "float32"  # the type in which D_rec's and D_dyn's last dense layers are kept
@@ -34,9 +34,11 @@ VARIANTS: dict[str, Variant] = {
     "10 solver steps": Variant(iterations=10),
     "no detail": Variant(detail=False),
     "no detail, rank 32": Variant(detail=False, rank=32),
+    "no swing": Variant(swing=False),
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
     "networks alone": Variant(detail=False, collision=False, lengths=False),
+    "codes alone": Variant(swing=False, detail=False, collision=False, lengths=False),
     "networks alone, bfloat16 last layers": Variant(
         detail=False, collision=False, lengths=False, last_layers="bfloat16"
     ),
@@ -47,11 +49,9 @@ VARIANTS: dict[str, Variant] = {
 
 def variants_of(parts: Container[str]) -> dict[str, Variant]:
     """Return the variants of a model with the trained `parts`, by name; what leaves out least comes first."""
-    if "dynamics" not in parts:
+    if "swing" in parts:
         return VARIANTS
-    own = {name: VARIANTS[name] for name in ("whole", "10 solver steps", "no collision")}
-    by_codes = {f"no dynamics, {name}": v._replace(dynamics=False) for name, v in VARIANTS.items()}
-    return own | by_codes
+    return {name: v._replace(swing=False) for name, v in VARIANTS.items() if v.swing}
 
 
 class Measured(NamedTuple):
@@ -75,11 +75,11 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         )
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
+        older = [row["name"] for row in table["variants"] if "swing" not in row["settings"]]
         rows = [
             Measured(row["name"], Variant(**row["settings"]), row["error_cm"], row["ms"])
-            for row in table["variants"]
+            for row in (() if older else table["variants"])
         ]
-        older = [row["name"] for row in table["variants"] if "lengths" not in row["settings"]]
         detail_mm = float(table["detail_mm"])
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
@@ -87,7 +87,7 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         ) from error
     if older:
         raise ValueError(
-            f"{path} was measured before edge lengths were restored ({older[0]!r}); "
+            f"{path} was measured before models had a swing ({older[0]!r}); "
             f"run benchmarks/variants.py {folder} again."
         )
     return rows, detail_mm
@@ -98,8 +98,8 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
     Raises `ValueError` for a rank that the model's last layer does not have.
     """
-    if not variant.dynamics:
-        model = without_dynamics(model)
+    if not variant.swing:
+        model = without_swing(model)
     if variant.iterations is not None:
         settings = replace(model.config.collision, iterations=variant.iterations)
         model = model._replace(config=replace(model.config, collision=settings))

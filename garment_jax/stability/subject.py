@@ -14,7 +14,7 @@ from garment_jax.data.validation import check_input
 from garment_jax.embedded.motions import make_dance, make_motion
 from garment_jax.embedded.scene import make_scene
 from garment_jax.embedded.skeleton import JOINT_NAMES
-from garment_jax.rollout.model import Model, check_codes
+from garment_jax.rollout.model import Model
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.pipeline import trained_model
 
@@ -43,8 +43,6 @@ def load_subject(
     or where an embedded garment and clips are both named.
     """
     model = None if run is None else trained_model(run)
-    if model is not None:
-        check_codes(model.params)  # its routines are those of the codes
     if not clips:
         name = garment or "skirt"
         scene = make_scene(name, vertices=vertices)

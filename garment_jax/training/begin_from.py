@@ -1,6 +1,7 @@
 """Training that goes on from a saved model: its parameters in place of random ones, its statistics."""
 
 import hashlib
+import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,9 +10,10 @@ import jax.numpy as jnp
 
 from garment_jax.config import Config, to_dict
 from garment_jax.data.template import Statistics
-from garment_jax.rollout.model import load_model, model_facts
+from garment_jax.rollout.model import Model, load_model, model_facts
+from garment_jax.training.run_directory import FACTS_NAME
 
-PARTS = ("generative", "motion", "detail", "dynamics")
+PARTS = ("generative", "motion", "detail", "swing")
 # what shapes parameters, or decides what the statistics are of
 _ALIKE = {
     "body": ("motion_joints",),
@@ -60,21 +62,43 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
                 f"training.begin_from: the model in {folder} has no {stage} stage; begin afresh"
                 f"{', or set detail.steps = 0' if stage == 'detail' else ''}."
             )
-    digest = hashlib.sha256((Path(folder) / "parameters.npz").read_bytes()).hexdigest()[:16]
-    return Beginning(model.statistics, digest)
+    return Beginning(model.statistics, _digest(folder))
 
 
-def begun_from(folder: str, part: str, fresh: dict, *, key: str) -> dict:
+def begun_from(folder: str, part: str, fresh: dict) -> dict:
     """Return the parameters `part` of the saved model in `folder`, in the shapes of `fresh` ones.
 
     Raises `FileNotFoundError` or `ValueError` for a folder without a model, and for a model whose `part`
-    has other shapes, or that has none; `key` is the configuration's that names the folder.
+    has other shapes, or that has none.
     """
     others = [name for name in PARTS if name != part]
     found = load_model(folder, leave_out=others).params.get(part, {})
     if jax.tree.map(jnp.shape, found) != jax.tree.map(jnp.shape, fresh):
         raise ValueError(
-            f"{key}: the model in {folder} has no {part} parameters of these shapes; take the [{part}] "
-            "values of its config.toml, or begin afresh."
+            f"training.begin_from: the model in {folder} has no {part} parameters of these shapes; take the "
+            f"[{part}] values of its config.toml, or begin afresh."
         )
     return found
+
+
+def has_part(folder: str, part: str) -> bool:
+    """Return whether the saved model in `folder` has the parameters `part`; no folder has none."""
+    return bool(folder) and part in model_facts(folder).parts
+
+
+def begun_model(folder: str, run_dir: Path) -> Model:
+    """Return the saved model in `folder` that the run in `run_dir` went on from.
+
+    Raises `ValueError` where another model lies there now, or none.
+    """
+    wanted = json.loads((run_dir / FACTS_NAME).read_text(encoding="utf-8")).get("begin_from")
+    if not (Path(folder) / "parameters.npz").is_file() or _digest(folder) != wanted:
+        raise ValueError(
+            f"{run_dir} trained the swing alone, beside the model in {folder}, and that is no longer there; "
+            "put it back, or train the other stages, too."
+        )
+    return load_model(folder)
+
+
+def _digest(folder: str) -> str:
+    return hashlib.sha256((Path(folder) / "parameters.npz").read_bytes()).hexdigest()[:16]

@@ -50,7 +50,7 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
             jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
         )
         if training.begin_from:
-            params["G"] = begun_from(training.begin_from, "detail", params["G"], key="training.begin_from")
+            params["G"] = begun_from(training.begin_from, "detail", params["G"])
         return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 6), jnp.int32(0))
 
     player = make_optimiser(

@@ -58,7 +58,7 @@ def begin_generative(run: Run) -> dict:
     config = run.config.generative
     params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
     if run.config.training.begin_from:
-        return begun_from(run.config.training.begin_from, "generative", params, key="training.begin_from")
+        return begun_from(run.config.training.begin_from, "generative", params)
     if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)

@@ -48,7 +48,7 @@ def train_motion(run: Run, generative: dict) -> dict:
         generative=run.config.generative,
     )
     if run.config.training.begin_from:
-        params = begun_from(run.config.training.begin_from, "motion", params, key="training.begin_from")
+        params = begun_from(run.config.training.begin_from, "motion", params)
     if config.warm_up_steps and run.config.generative.linear_skip:
         params = _warm_up(run, params, generative, Z)
     return _full_loop(run, params, generative, Z)

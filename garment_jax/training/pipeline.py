@@ -8,7 +8,8 @@ import jax
 from garment_jax.config import Config, to_dict
 from garment_jax.data.lanes import check_window
 from garment_jax.data.prepared import DataSet
-from garment_jax.rollout.model import Model, from_metadata, load_model, model_facts
+from garment_jax.rollout.model import Model, from_metadata, load_model
+from garment_jax.training.begin_from import begun_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config
 
 
@@ -26,46 +27,38 @@ def train(
     go together.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
+    from garment_jax.swing.tables import make_swing_tables
     from garment_jax.training.detail_stage import train_detail
-    from garment_jax.training.dynamics_stage import train_dynamics
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
     from garment_jax.training.run import open_run
+    from garment_jax.training.swing_stage import train_swing
 
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
-    if stage == "dynamics" and not config.dynamics.steps:
-        raise ValueError("dynamics.steps = 0 leaves the local dynamics out; give --dynamics.steps a number.")
-    if config.dynamics.steps and config.generative.skin_reach:
-        raise ValueError(
-            f"generative.skin_reach = {config.generative.skin_reach:g} is for garments in canonical pose and "
-            "dynamics.steps for local dynamics, which move them in the root frame; set one of both to 0."
-        )
-    if config.dynamics.steps and config.dynamics.begin_from:
-        model_facts(config.dynamics.begin_from)  # a folder without a model is refused now, not hours later
-    if config.dynamics.steps:
-        from garment_jax.dynamics.tables import check_patches
-
-        check_patches(config.dynamics)  # before the run belongs to a configuration that cannot be trained
-    last = STAGES.index("dynamics" if stage == "all" else stage)
+    if stage == "swing" and not config.swing.steps:
+        raise ValueError("swing.steps = 0 leaves the swing out; give --swing.steps a number.")
+    last = STAGES.index("swing" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
 
     def check(data: DataSet) -> None:
+        if stage in ("all", "swing") and config.swing.steps:  # refused now, not after hours
+            make_swing_tables(data.scene, config=config.swing)
         if stage != "generative":  # which sees single frames; the others would refuse after hours
             lengths = [len(clip.V) for clip in data.train]
-            check_window(lengths, (config.dynamics if stage == "dynamics" else config.motion).window)
+            check_window(lengths, (config.swing if stage == "swing" else config.motion).window)
 
     run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard, check=check)
     with run.log:
-        if stage != "dynamics":  # which needs none of the others
+        if stage != "swing":  # which needs none of the others
             generative = train_generative(run)
             if last >= 1:
                 motion = train_motion(run, generative)
                 if last >= 2 and config.detail.steps:
                     train_detail(run, generative, motion)
-        if last >= 3 and config.dynamics.steps:
-            train_dynamics(run)
+        if last >= 3 and config.swing.steps:
+            train_swing(run)
     return run.folder
 
 
@@ -77,7 +70,11 @@ def _check_predecessors(config: Config, run_dir: Path, stages: tuple[str, ...]) 
 
 
 def trained_model(path: str | Path) -> Model:
-    """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder."""
+    """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder.
+
+    A run that trained the swing alone, beside a model (`training.begin_from`), is that model with this swing.
+    Raises `ValueError` for a run that lacks a stage, or whose beginning is no longer what it was.
+    """
     path = Path(path)
     if not (path / CHECKPOINTS).is_dir():
         return load_model(path)
@@ -92,12 +89,14 @@ def trained_model(path: str | Path) -> Model:
     early = Checkpointer(path, "warm_up")
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
-    for stage in () if "dynamics" in found else ("generative", "motion"):
+    if set(found) == {"swing"} and metadata["config"]["training"]["begin_from"]:
+        found = begun_model(metadata["config"]["training"]["begin_from"], path).params | found
+    for stage in ("generative", "motion"):
         if stage not in found:
             raise ValueError(
                 f"{path} has not trained its {stage} stage yet; run train.py --stage {stage} first."
             )
-    if "detail" in found:
+    if "G" in found.get("detail", ()):  # beside its discriminator
         found["detail"] = found["detail"]["G"]
     if (path / CONFIG_NAME).is_file():  # its checkpoints alone are a model, too
         used = to_dict(run_config(path))  # which a later call of train.py may have changed

@@ -9,7 +9,7 @@ from typing import Any
 
 from garment_jax.config import Config, differences, from_dict, to_dict, to_toml
 
-STAGES = ("generative", "motion", "detail", "dynamics")
+STAGES = ("generative", "motion", "detail", "swing")
 CHECKPOINTS = "checkpoints"  # folder inside a run
 CONFIG_NAME = "config.toml"
 FACTS_NAME = "facts.json"

@@ -20,12 +20,12 @@ from garment_jax.config import to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.animate import animate_file
 from garment_jax.rollout.model import load_model, save_model
-from garment_jax.training import dynamics_stage
+from garment_jax.training import swing_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train, trained_model
 from tests.reference.scene import make_motion, write_clip
-from tests.reference.tiny_dynamics import DYNAMICS, dynamic_model
+from tests.reference.tiny_swing import SWING, swinging_model
 from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
 ROOT = Path(__file__).parents[2]
@@ -110,54 +110,53 @@ def test_kill_9_in_every_stage_then_the_same_command(tmp_path: Path, data_dir: P
         assert logged[0] == logged[1] == list(range(1, STEPS + 1))
 
 
-def test_local_dynamics_join_a_finished_run_and_survive_kill_9(
+def test_the_swing_joins_a_finished_run_and_survives_kill_9(
     tmp_path: Path, data_dir: Path, uninterrupted: Path
 ):
     from shutil import copytree
 
-    (tmp_path / "tiny.toml").write_text(to_toml(replace(CONFIG, dynamics=DYNAMICS)))
+    (tmp_path / "tiny.toml").write_text(to_toml(replace(CONFIG, swing=SWING)))
     runs = [copytree(uninterrupted, tmp_path / name) for name in ("killed", "whole")]
-    lines = [[*command(tmp_path / "tiny.toml", data_dir, run), "--stage", "dynamics"] for run in runs]
-    assert kill_within("dynamics", lines[0], runs[0], 0.05).returncode == -signal.SIGKILL
+    lines = [[*command(tmp_path / "tiny.toml", data_dir, run), "--stage", "swing"] for run in runs]
+    assert kill_within("swing", lines[0], runs[0], 0.05).returncode == -signal.SIGKILL
     for words in lines:
         subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, check=True)
-    killed, whole = (state_of(run, "dynamics") for run in runs)
+    killed, whole = (state_of(run, "swing") for run in runs)
     assert_same_bits(killed, whole)
     assert_same_bits(state_of(runs[0], "detail"), state_of(uninterrupted, "detail"))
-    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "dynamics"}
-    (last,) = read_log(runs[1], stage="dynamics", kind="validation")
+    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "swing"}
+    (last,) = read_log(runs[1], stage="swing", kind="validation")
     assert 0 < last["waltz_3_rmse_cm"] < 100
 
 
-def test_local_dynamics_begin_from_a_saved_model(
-    tmp_path: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_swing_alone_is_trained_beside_a_saved_model(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    whole = trained_model(uninterrupted)
+    codes = save_model(whole, tmp_path / "codes", bits=32)
+    beside = replace(CONFIG, swing=SWING, training=replace(CONFIG.training, begin_from=str(codes)))
+    run = train(beside, tmp_path / "run", data_dir=data_dir, stage="swing")
+    model = trained_model(run)
+    for part in ("generative", "motion", "detail"):
+        jax.tree.map(np.testing.assert_array_equal, model.params[part], whole.params[part])
+    assert set(model.params) == {"generative", "motion", "detail", "swing"}
+    figures = animate_file(model, data_dir / "test" / "polka.h5", tmp_path / "polka.h5")
+    assert figures["frames"] == 15
+    save_model(swinging_model()._replace(statistics=whole.statistics), codes, bits=32)
+    with pytest.raises(ValueError, match="and that is no longer there; put it back"):
+        trained_model(run)
     begun = []
 
     def before_the_first_step(run, stage, begin, *_, **__):
         begun.append(begin(optax.sgd(0.1)))
         return begun[-1]
 
-    monkeypatch.setattr(dynamics_stage, "optimise", before_the_first_step)
-    folder = save_model(dynamic_model(), tmp_path / "model", bits=32)
-    config = replace(CONFIG, dynamics=replace(DYNAMICS, begin_from=str(folder)))
-    train(config, tmp_path / "run", data_dir=data_dir, stage="dynamics")
-    jax.tree.map(np.testing.assert_array_equal, begun[0].params, dynamic_model().params["dynamics"])
-    wide = replace(config, dynamics=replace(config.dynamics, channels=(6, 12)))
-    with pytest.raises(ValueError, match="has no dynamics parameters of these shapes"):
-        train(wide, tmp_path / "wide", data_dir=data_dir, stage="dynamics")
-    nowhere = replace(config, dynamics=replace(DYNAMICS, begin_from=str(tmp_path / "nowhere")))
-    with pytest.raises(FileNotFoundError, match=r"nowhere holds no config\.toml"):
-        train(nowhere, tmp_path / "none", data_dir=data_dir)
-    assert not (tmp_path / "none").exists()
-    odd = replace(config, dynamics=replace(DYNAMICS, patch=3))
-    with pytest.raises(ValueError, match="patches of 3 texels do not tile"):
-        train(odd, tmp_path / "odd", data_dir=data_dir)
-    assert not (tmp_path / "odd").exists()
-    codes = save_model(tiny_model(), tmp_path / "codes")
-    without = replace(config, dynamics=replace(DYNAMICS, begin_from=str(codes)))
-    with pytest.raises(ValueError, match="has no dynamics parameters"):
-        train(without, tmp_path / "without", data_dir=data_dir, stage="dynamics")
+    monkeypatch.setattr(swing_stage, "optimise", before_the_first_step)
+    train(beside, tmp_path / "on", data_dir=data_dir, stage="swing")
+    jax.tree.map(np.testing.assert_array_equal, begun[0].params, swinging_model().params["swing"])
+    wide = replace(beside, swing=replace(SWING, hidden=7))
+    with pytest.raises(ValueError, match="has no swing parameters of these shapes"):
+        train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
 
 
 def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uninterrupted: Path):
@@ -197,9 +196,9 @@ def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uni
         train(config, tmp_path / "run", data_dir=fewer)
 
 
-def test_local_dynamics_of_no_steps_are_refused(tmp_path: Path, data_dir: Path):
-    with pytest.raises(ValueError, match=r"dynamics\.steps = 0 leaves the local dynamics out"):
-        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="dynamics")
+def test_a_swing_of_no_steps_is_refused(tmp_path: Path, data_dir: Path):
+    with pytest.raises(ValueError, match=r"swing\.steps = 0 leaves the swing out"):
+        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="swing")
 
 
 def test_every_stage_learns_something_and_validates(uninterrupted: Path):
@@ -294,13 +293,6 @@ def test_an_unknown_stage_is_refused(tmp_path: Path, data_dir: Path):
         ValueError, match="--stage 'sewing' is unknown; choose all, generative, motion, detail"
     ):
         train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="sewing")
-
-
-def test_canonical_pose_and_local_dynamics_do_not_go_together(tmp_path: Path, data_dir: Path):
-    config = replace(CONFIG, dynamics=DYNAMICS, generative=replace(CONFIG.generative, skin_reach=0.1))
-    with pytest.raises(ValueError, match=r"skin_reach = 0\.1 is for garments in canonical pose"):
-        train(config, tmp_path / "run", data_dir=data_dir)
-    assert not (tmp_path / "run").exists()
 
 
 def test_all_stages_train_in_canonical_pose(tmp_path: Path, data_dir: Path):

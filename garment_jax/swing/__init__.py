@@ -1,0 +1,1 @@
+"""How a garment swings around the body: a recurrent network on a ring of columns that share weights."""

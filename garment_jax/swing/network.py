@@ -1,0 +1,163 @@
+"""The ring behind pure functions: each column's cloth from what it was, its anchor and the body beside it.
+
+Not in the paper, whose code sees the body's whole motion at once and knows the dances that it has seen. What
+moves a column of cloth is near it, and is the same on all sides: columns share their weights, and see each
+other through circular convolutions. Everything is in the columns' own frames, so a turn of body and cloth
+about the up axis by a column turns what comes out, exactly.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.config import SwingConfig
+from garment_jax.generative.blocks import along_channels
+from garment_jax.geometry.stencil import apply_stencil
+from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
+from garment_jax.swing.tables import SwingTables
+
+
+class SwingCarry(NamedTuple):
+    """What the ring carries from frame to frame; columns' frames."""
+
+    X: jax.Array  # [*b, a, h, 3] metres from the anchors, the last frame's cells
+    moved: jax.Array  # [*b, a, h, 3] metres that they moved in that frame
+    h: jax.Array  # [*b, a, hidden]
+
+
+def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
+    """Return fresh parameters; the key is consumed."""
+    state, c, w, k = 6 * config.rows, config.hidden, config.width, config.around
+    shapes = {
+        "seen": (FEATURES, k * w, k * (FEATURES + state + c)),
+        "state": (state + c, k * w, k * (FEATURES + state + c)),
+        "all": (2 * w, w, 2 * w),
+        "gates": (w, 3 * c, 2 * w),
+        "gates_all": (w, 3 * c, 2 * w),
+        "gates_h": (c, 3 * c, c),
+        "around": (c, k * w, k * c),
+        "out": (w, 3 * config.rows, 10 * w),
+    }
+    keys = jax.random.split(key, len(shapes))
+    kernels = {
+        name: jax.random.normal(one, (i, o)) / jnp.sqrt(fan)
+        for one, (name, (i, o, fan)) in zip(keys, shapes.items(), strict=True)
+    }
+    widths = {"seen": w, "all": w, "gates": 3 * c, "gates_h": 3 * c, "around": w, "out": 3 * config.rows}
+    return {
+        name: {"kernel": kernel} | ({"bias": jnp.zeros(widths[name])} if name in widths else {})
+        for name, kernel in kernels.items()
+    }
+
+
+def at_rest(tables: SwingTables, lanes: tuple[int, ...], *, config: SwingConfig) -> SwingCarry:
+    """Return the carry `lanes` times: the template hangs still."""
+    rest = jnp.broadcast_to(jnp.asarray(tables.rest), (*lanes, *tables.rest.shape))
+    return SwingCarry(rest, jnp.zeros_like(rest), jnp.zeros((*lanes, len(tables.rest), config.hidden)))
+
+
+def seen_gates(params: dict, seen: Float[Array, "*t a f"], *, config: SwingConfig) -> Float[Array, "*t a w"]:
+    """Return what the motion adds to the first layer, any leading axes: it does not wait for the carry."""
+    y = _circular(seen @ params["seen"]["kernel"], config.around)
+    return y + along_channels(params["seen"]["bias"], y)
+
+
+def swing_step(
+    params: dict,
+    carry: SwingCarry,
+    frame: SwingFrame,
+    gates: Float[Array, "*b a w"],
+    *,
+    tables: SwingTables,
+    config: SwingConfig,
+) -> SwingCarry:
+    """Return the carry after this frame, bounded whatever comes in; `gates`: `seen_gates` of `frame.seen`."""
+    hung = turned(carry.X, frame.turn) - frame.way[..., None, :]
+    moved = turned(carry.moved, frame.turn)
+    flat = (*hung.shape[:-2], 3 * config.rows)
+    typical, scale = (jnp.broadcast_to(x, hung.shape) for x in (tables.typical, tables.scale))
+    place = (hung - typical) / scale
+    state = jnp.concatenate(
+        [
+            jnp.clip(place, -LARGEST, LARGEST).reshape(flat),
+            jnp.clip(moved / MOVED, -LARGEST, LARGEST).reshape(flat),
+            carry.h,
+        ],
+        axis=-1,
+    )
+    u = jax.nn.gelu(gates + _circular(state @ params["state"]["kernel"], config.around))
+    everywhere = jnp.concatenate([u.mean(axis=-2), u.max(axis=-2)], axis=-1)
+    everywhere = jax.nn.gelu(_dense(params["all"], everywhere))
+    into = _dense(params["gates"], u) + (everywhere @ params["gates_all"]["kernel"])[..., None, :]
+    h = _gru(into, _dense(params["gates_h"], carry.h), carry.h)
+    y = _circular(h @ params["around"]["kernel"], config.around)
+    y = jax.nn.gelu(y + along_channels(params["around"]["bias"], y))
+    X = _dense(params["out"], y).reshape(hung.shape) * scale + typical
+    return SwingCarry(X, X - hung, h)
+
+
+def roll_swing(
+    params: dict, carry: SwingCarry, frames: SwingFrame, *, tables: SwingTables, config: SwingConfig
+) -> tuple[SwingCarry, Float[Array, "t *b a h 3"]]:
+    """Return the carry after the frames (leaves `[t, *b, ...]`) and all cells, metres from their anchors."""
+
+    def frame(carry: SwingCarry, inputs: tuple[SwingFrame, jax.Array]):
+        carry = swing_step(params, carry, *inputs, tables=tables, config=config)
+        return carry, carry.X
+
+    gates = seen_gates(params, frames.seen, config=config)
+    return jax.lax.scan(frame, carry, (frames, gates))
+
+
+def turned(x: Float[Array, "*b a h 3"], angle: Float[Array, "*b"]) -> Float[Array, "*b a h 3"]:
+    """Return vectors of the columns' frames turned about the up axis."""
+    c, s = (jnp.broadcast_to(f(angle)[..., None, None], x.shape[:-1]) for f in (jnp.cos, jnp.sin))
+    return jnp.stack([c * x[..., 0] - s * x[..., 1], s * x[..., 0] + c * x[..., 1], x[..., 2]], axis=-1)
+
+
+def cells_of(
+    V: Float[Array, "*b n 3"], anchor: Float[Array, "*b a 3"], *, tables: SwingTables
+) -> Float[Array, "*b a h 3"]:
+    """Return where the cells of a garment hang, from the anchors; metres, `V` and `anchor` in root frames."""
+    a, h = tables.filled.shape
+    cells = apply_stencil(V, tables.down).reshape(*V.shape[:-2], a, h, 3) - anchor[..., None, :]
+    return jnp.einsum("aij,...ahj->...ahi", tables.frames, cells)
+
+
+def corrected(
+    V: Float[Array, "*b n 3"],
+    X: Float[Array, "*b a h 3"],
+    anchor: Float[Array, "*b a 3"],
+    *,
+    tables: SwingTables,
+    weight: float,
+) -> Float[Array, "*b n 3"]:
+    """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
+    away = X - cells_of(V, anchor, tables=tables)
+    away = jnp.where(jnp.broadcast_to(tables.filled[..., None] > 0, away.shape), away, 0.0)
+    away = jnp.einsum("aij,...ahi->...ahj", tables.frames, weight * away)
+    return V + apply_stencil(away.reshape(*away.shape[:-3], -1, 3), tables.up)
+
+
+def _dense(params: dict, x: jax.Array) -> jax.Array:
+    y = x @ params["kernel"]
+    return y + along_channels(params["bias"], y)
+
+
+def _circular(y: Float[Array, "*b a kw"], around: int) -> Float[Array, "*b a w"]:
+    """Return the circular convolution whose products with each neighbour's kernel are `y`, side by side."""
+    pieces = jnp.split(y, around, axis=-1)
+    return sum(  # type: ignore[return-value]
+        jnp.roll(piece, k - around // 2, axis=-2) for k, piece in enumerate(pieces)
+    )
+
+
+def _gru(into: jax.Array, from_h: jax.Array, h: jax.Array) -> jax.Array:
+    """Return the next state; PyTorch's `GRUCell` (reset, update, new)."""
+    rx, zx, nx = jnp.split(into, 3, axis=-1)
+    rh, zh, nh = jnp.split(from_h, 3, axis=-1)
+    z = jax.nn.sigmoid(zx + zh)
+    new = jnp.tanh(nx + jax.nn.sigmoid(rx + rh) * nh)
+    return (1.0 - z) * new + z * h

@@ -1,0 +1,137 @@
+"""The ring of columns around a garment: made once from its template (static, host)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from garment_jax.body.carried import Carried, carried_points
+from garment_jax.body.vertex_sample import spread_vertices
+from garment_jax.config import SwingConfig
+from garment_jax.geometry.stencil import Stencil, make_stencil
+from garment_jax.geometry.ways import ways_to_pins
+from garment_jax.structs import Scene
+
+BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body, a third of a sector
+LEVELS = 12  # heights at which the body's radius is read
+ABOVE, BELOW = 0.4, 1.35  # lengths of cloth from the anchors that the levels span
+SPREAD = 0.13  # parts of its distance from the anchor that a cell strays from where it hangs (shared skirt)
+
+
+class SwingTables(NamedTuple):
+    """A garment as `a` columns of `h` cells; metres."""
+
+    frames: np.ndarray  # [a, 3, 3] rows: outward, around the body, up; root frame -> the column's own
+    anchors: np.ndarray  # [a, p] weights of the pins that carry a column; rows sum to 1
+    centre: np.ndarray  # [a, 3] canonical anchors less their mean, in the columns' frames
+    rest: np.ndarray  # [a, h, 3] the template's cells, from their anchors, in the columns' frames
+    typical: np.ndarray  # [h, 3] their mean over the columns
+    scale: np.ndarray  # [h, 1] what counts as 1, metres
+    filled: np.ndarray  # [a, h] 1 where a cell holds cloth, else 0
+    share: np.ndarray  # [a, h] part of the garment's vertices in a cell
+    down: Stencil  # vertices -> cells, the mean around each
+    up: Stencil  # cells -> vertices, linear between columns and between rows, 0 at the pins
+    levels: np.ndarray  # [LEVELS + 1] borders of the heights above the anchors' mean, metres, falling
+    farthest: float  # metres; a body farther from the axis counts as that far
+    carried: Carried  # pins, then points of the collider
+
+
+def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
+    """Return the tables of `scene`: columns by azimuth about the pins, rows by the way over the cloth.
+
+    Raises `ValueError` for a garment without pins or a part that hangs on none: nothing carries its columns.
+    """
+    garment, a, h = scene.garment, config.columns, config.rows
+    carried = _thinned(carried_points(scene, collider=True))
+    way = ways_to_pins(garment, carried.pins)[0] if len(carried.pins) else np.array([np.inf])
+    if not np.isfinite(way).all():
+        raise ValueError(
+            "swing.steps is for a garment whose every part hangs on pins, and this one has parts that do "
+            "not; set swing.steps = 0."
+        )
+    T = garment.template.astype(np.float64) - scene.body.joints[0]
+    pins = T[carried.pins]
+    axis = pins.mean(axis=0)
+    frames = _frames(a)
+    anchors = _anchors(_azimuth(pins - axis), a)
+    at = anchors @ pins
+    index, weight = _corners(_azimuth(T - axis), way / max(way.max(), 1e-9), a, h)
+    up = make_stencil(index, weight, a * h)
+    total = up.weight_t.sum(axis=1)
+    filled = (total > 1e-3).astype(np.float32)
+    down = make_stencil(up.index_t, up.weight_t / np.maximum(total, 1e-3)[:, None], len(T))
+    cells = (T[down.index] * down.weight[..., None]).sum(axis=1).reshape(a, h, 3)
+    rest = np.einsum("aij,ahj->ahi", frames, cells - at[:, None])
+    mask = filled.reshape(a, h)
+    columns = np.maximum(mask.sum(axis=0), 1.0)
+    typical = (rest * mask[..., None]).sum(axis=0) / columns[:, None]
+    rest = np.where(mask[..., None] > 0, rest, typical)
+    length = float(way.max())
+    share = total.reshape(a, h) / max(total.sum(), 1e-9)
+    return SwingTables(
+        frames.astype(np.float32),
+        anchors.astype(np.float32),
+        np.einsum("aij,aj->ai", frames, at - at.mean(axis=0)).astype(np.float32),
+        rest.astype(np.float32),
+        typical.astype(np.float32),
+        (SPREAD * np.linalg.norm(typical, axis=-1, keepdims=True) + 1e-4).astype(np.float32),
+        mask,
+        share.astype(np.float32),
+        down,
+        up,
+        np.linspace(ABOVE * length, -BELOW * length, LEVELS + 1),
+        2.0 * length,
+        carried,
+    )
+
+
+def sector(x: np.ndarray, columns: int) -> np.ndarray:
+    """Return the column whose sector holds points `[..., 3]` given from the axis, `[...]`."""
+    return np.rint(_azimuth(x) * (columns / (2 * np.pi))).astype(np.int64) % columns
+
+
+def _azimuth(x: np.ndarray) -> np.ndarray:
+    """Return the angle about +Y from +Z, radians."""
+    return np.arctan2(x[..., 0], x[..., 2])
+
+
+def _frames(a: int) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(a) / a
+    s, c, o, i = np.sin(angle), np.cos(angle), np.zeros(a), np.ones(a)
+    rows = [[s, o, c], [c, o, -s], [o, i, o]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _anchors(azimuth: np.ndarray, a: int) -> np.ndarray:
+    """Return the weights of the pins near each column's azimuth, within about a column's width."""
+    angle = 2 * np.pi * np.arange(a) / a
+    away = np.abs((azimuth[None] - angle[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    away -= away.min(axis=1, keepdims=True)  # a column without pins takes the nearest
+    weight = np.exp(-0.5 * np.square(away * a / (2 * np.pi) / 0.5))
+    return weight / weight.sum(axis=1, keepdims=True)
+
+
+def _corners(azimuth: np.ndarray, depth: np.ndarray, a: int, h: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the four cells around each vertex and their weights, `[n, 4]`; the last row is at depth 1."""
+    column = (azimuth / (2 * np.pi) * a) % a
+    left = np.floor(column).astype(np.int64) % a
+    right, part = (left + 1) % a, column - np.floor(column)
+    row = depth * h - 1.0  # row k hangs at depth (k + 1) / h; the pins' own row is not there
+    upper = np.clip(np.floor(row).astype(np.int64), -1, h - 1)
+    lower, fine = np.minimum(upper + 1, h - 1), np.clip(row - upper, 0.0, 1.0)
+    index, weight = [], []
+    for at, across in ((left, 1.0 - part), (right, part)):
+        for cell, along in ((upper, 1.0 - fine), (lower, fine)):
+            index.append(at * h + np.maximum(cell, 0))
+            weight.append(np.where(cell < 0, 0.0, across * along))
+    return np.stack(index, axis=1), np.stack(weight, axis=1)
+
+
+def _thinned(carried: Carried) -> Carried:
+    """Return the pins and no more than `BODY_POINTS` of the collider's points, spread evenly."""
+    p = len(carried.pins)
+    weighted = carried.weighted.tocsr()
+    # canonical places: the sum over joints of weight times (x, y, z, 1), without its last
+    points = weighted[p:].toarray()
+    sums = np.stack([points[:, k::4].sum(axis=1) for k in range(3)], axis=1)
+    rows = np.concatenate([np.arange(p), p + spread_vertices(sums, BODY_POINTS)])
+    return carried._replace(weighted=weighted[rows])

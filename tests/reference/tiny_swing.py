@@ -1,0 +1,52 @@
+"""A swing of the tiny scene (128 vertices), with parameters that move the cloth."""
+
+import dataclasses
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.config import SwingConfig
+from garment_jax.rollout.model import Model
+from garment_jax.structs import Motion
+from garment_jax.swing.motion import SwingFrame, swing_frames
+from garment_jax.swing.network import init_swing
+from garment_jax.swing.tables import SwingTables, make_swing_tables
+from tests.reference.scene import make_motion
+from tests.rollout.tiny_model import SCENE, drawn, tiny_model
+
+SWING = SwingConfig(
+    steps=8, columns=8, rows=3, hidden=6, width=8, around=3, window=5, lanes=2, lane_windows=3
+)
+
+
+@lru_cache(maxsize=1)
+def tables() -> SwingTables:
+    """Return the static tables."""
+    return make_swing_tables(SCENE, config=SWING)
+
+
+@lru_cache(maxsize=1)
+def params() -> dict:
+    """Return parameters drawn at random: the cloth swings by centimetres."""
+    shapes = jax.eval_shape(lambda: init_swing(jax.random.key(0), config=SWING))
+    rng = np.random.default_rng(3)
+    return jax.tree.map(lambda leaf: drawn(rng, leaf.shape), shapes)
+
+
+def swinging_model() -> Model:
+    """Return the tiny model with a swing beside its codes."""
+    model = tiny_model()
+    config = dataclasses.replace(model.config, swing=SWING)
+    return model._replace(config=config, params={**model.params, "swing": params()})
+
+
+def motion(t: int) -> Motion:
+    """Return the tiny motion."""
+    return make_motion(SCENE, t)
+
+
+def frames(t: int) -> SwingFrame:
+    """Return the frames of the tiny motion as the ring takes them."""
+    return jax.tree.map(jnp.asarray, swing_frames(motion(t), SCENE, tables()))

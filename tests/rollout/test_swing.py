@@ -1,0 +1,121 @@
+"""Rollouts that the swing corrects: chunks, weight, plan, variants, and what is left out."""
+
+import sys
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.programs import ProgramStore
+from garment_jax.rollout.animate import make_animator
+from garment_jax.rollout.model import Model, facts_of, without_swing
+from garment_jax.rollout.plan import make_plan
+from garment_jax.rollout.swing import make_swing_corrector, make_swing_rollout, roll_clip
+from garment_jax.rollout.variants import VARIANTS, apply_variant, variants_of
+from garment_jax.swing.motion import swing_frames
+from garment_jax.swing.network import at_rest, cells_of
+from tests.reference.tiny_swing import SWING, motion, params, swinging_model, tables
+from tests.rollout.tiny_model import CONFIG, SCENE, template, tiny_model
+
+
+def animated(model: Model, t: int = 20) -> np.ndarray:
+    return np.concatenate([c.V for c in make_animator(model, SCENE, collision=False)(motion(t))])
+
+
+def with_rollout(**changes) -> Model:
+    model = swinging_model()
+    config = replace(model.config, rollout=replace(model.config.rollout, **changes))
+    return model._replace(config=config)
+
+
+def rolled(chunk: int, t: int = 23) -> np.ndarray:
+    roll, seen = make_swing_rollout(tables(), SWING), swing_frames(motion(t), SCENE, tables())
+    return roll_clip(roll, params(), at_rest(tables(), (), config=SWING), seen, chunk=chunk)
+
+
+def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
+    """Return the skinned template of every frame as the swing corrects it, root frames."""
+    correct = make_swing_corrector(
+        params(), SCENE, config=SWING, weight=weight, chunk=chunk, programs=ProgramStore(None), facts={}
+    )
+    pieces = ((k, np.broadcast_to(template().T, (chunk, *template().T.shape))) for k in range(0, t, chunk))
+    made = list(correct(motion(t), pieces))
+    assert [start for start, _ in made] == list(range(0, t, chunk))
+    return np.concatenate([V for _, V in made])[:t]
+
+
+def test_chunked_is_whole():
+    whole = rolled(40)
+    assert whole.shape == (23, SWING.columns, SWING.rows, 3)
+    for chunk in (3, 8, 23):
+        np.testing.assert_allclose(rolled(chunk), whole, atol=1e-4)
+    np.testing.assert_allclose(corrected(1.0, 4), corrected(1.0, 32), atol=1e-4)
+
+
+def test_the_cloth_goes_its_weight_of_the_way():
+    none, half, whole = (corrected(weight) for weight in (0.0, 0.5, 1.0))
+    np.testing.assert_allclose(none, np.broadcast_to(template().T, none.shape), atol=1e-6)
+    assert np.abs(whole - none).max() > 0.01
+    np.testing.assert_allclose(half, 0.5 * (none + whole), atol=1e-5)
+
+
+def test_corrected_cloth_hangs_nearer_to_the_ring():
+    anchor = jnp.asarray(swing_frames(motion(20), SCENE, tables()).anchor)
+    off = []
+    for weight in (0.0, 1.0):
+        X = np.asarray(cells_of(jnp.asarray(corrected(weight)), anchor, tables=tables()))
+        off.append(np.abs(X - rolled(32, 20)).mean())
+    assert off[1] < 0.6 * off[0]
+
+
+def test_the_animator_corrects_unless_the_swing_is_taken_away():
+    V, alone, weightless, codes = (
+        animated(m)
+        for m in (
+            swinging_model(),
+            without_swing(swinging_model()),
+            with_rollout(swing=0.0),
+            tiny_model(),
+        )
+    )
+    assert np.isfinite(V).all()
+    assert np.abs(V - codes).max() > 0.01
+    np.testing.assert_array_equal(alone, codes)
+    np.testing.assert_array_equal(weightless, codes)
+
+
+def test_the_plan_says_whether_it_runs():
+    on = make_plan(facts_of(swinging_model()), SCENE, motion(5))
+    assert on.swing
+    assert on.detail
+    assert on.leave_out == ("generative/E_gen",)
+    assert on.why["swing"] == "wanted: 70% of the way from the codes to it"
+    off = make_plan(facts_of(swinging_model()), SCENE, motion(5), swing=False)
+    assert not off.swing
+    assert off.leave_out == ("generative/E_gen", "swing")
+    assert off.why["swing"] == "not wanted: codes alone move the cloth"
+    assert not make_plan(facts_of(with_rollout(swing=0.0)), SCENE, motion(5)).swing
+    untrained = make_plan(facts_of(tiny_model()), SCENE, motion(5))
+    assert not untrained.swing
+    assert untrained.why["swing"] == "not trained"
+
+
+def test_variants_of_a_model_with_a_swing_and_without():
+    assert variants_of(swinging_model().params) == VARIANTS
+    for variant in VARIANTS.values():
+        if not variant.rank:
+            assert ("swing" in apply_variant(swinging_model(), variant).params) == variant.swing
+    without = variants_of(tiny_model().params)
+    assert set(VARIANTS) - set(without) == {"no swing", "codes alone"}
+    assert not any(v.swing for v in without.values())
+
+
+def test_codes_alone_do_not_import_the_swing(monkeypatch: pytest.MonkeyPatch):
+    for name in [name for name in sys.modules if name.startswith("garment_jax.swing")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "garment_jax.rollout.swing", raising=False)
+    make_animator(tiny_model(), SCENE, collision=False)
+    make_animator(without_swing(swinging_model()), SCENE, collision=False)
+    assert not any(name.startswith("garment_jax.swing") for name in sys.modules)
+    assert CONFIG.swing.steps == 0

@@ -1,0 +1,111 @@
+"""The ring's static tables against slow loops."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.swing.network import cells_of, corrected
+from garment_jax.swing.tables import make_swing_tables, sector
+from tests.reference.tiny_swing import SWING, tables
+from tests.rollout.tiny_model import SCENE
+
+A, H = SWING.columns, SWING.rows
+T = (SCENE.garment.template - SCENE.body.joints[0]).astype(np.float64)
+PINS = SCENE.pins.vertices
+ANCHOR = tables().anchors @ T[PINS]
+
+
+def moved(d: np.ndarray) -> np.ndarray:
+    """Return how far each vertex goes when every cell is moved by `d` in the root frame."""
+    X = (
+        np.asarray(cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables()))
+        + np.einsum("aij,j->ai", tables().frames, d)[:, None]
+    )
+    return (
+        np.asarray(
+            corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0)
+        )
+        - T
+    )
+
+
+def test_frames_point_outwards_around_and_up():
+    F = tables().frames
+    np.testing.assert_allclose(F @ np.swapaxes(F, 1, 2), np.broadcast_to(np.eye(3), F.shape), atol=1e-6)
+    for k in range(A):
+        angle = 2 * np.pi * k / A
+        np.testing.assert_allclose(F[k, 0], [np.sin(angle), 0, np.cos(angle)], atol=1e-6)
+        np.testing.assert_allclose(F[k, 2], [0, 1, 0], atol=1e-6)
+    assert (tables().rest[:, -1, 0] > 0).all()  # a cone's hem lies outside its waist
+    assert (tables().rest[..., 2] < 0).all()
+
+
+def test_a_sector_is_the_nearest_columns():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(200, 3))
+    flat = points[:, [0, 2]] / np.linalg.norm(points[:, [0, 2]], axis=1, keepdims=True)
+    directions = tables().frames[:, 0][:, [0, 2]]
+    np.testing.assert_array_equal(sector(points, A), (flat @ directions.T).argmax(axis=1))
+
+
+def test_a_shift_of_all_cells_shifts_the_cloth_and_leaves_the_pins():
+    d = np.array([0.03, -0.01, 0.02])
+    shift = moved(d)
+    np.testing.assert_allclose(shift[PINS], 0.0, atol=1e-7)
+    rings = shift.reshape(8, 16, 3)
+    part = rings @ d / (d @ d)
+    np.testing.assert_allclose(rings, part[..., None] * d, atol=1e-6)  # along d alone
+    np.testing.assert_allclose(part, np.clip(np.arange(8) / 7 * H, 0, 1)[:, None].repeat(16, 1), atol=0.02)
+
+
+def test_a_correction_brings_the_cells_nearer_and_none_moves_nothing():
+    rng = np.random.default_rng(1)
+    cells = np.asarray(cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables()))
+    bend = 0.02 * np.sin(2 * np.pi * np.arange(A) / A)[:, None, None] * np.ones((1, H, 3))
+    there = np.asarray(
+        corrected(jnp.asarray(T), jnp.asarray(cells + bend), jnp.asarray(ANCHOR), tables=tables(), weight=1.0)
+    )
+    off = np.asarray(cells_of(jnp.asarray(there), jnp.asarray(ANCHOR), tables=tables())) - cells - bend
+    assert np.abs(off).max() < 0.75 * np.abs(bend).max()
+    same = np.asarray(
+        corrected(jnp.asarray(T), jnp.asarray(cells), jnp.asarray(ANCHOR), tables=tables(), weight=1.0)
+    )
+    np.testing.assert_allclose(same, T, atol=1e-6)
+    anywhere = cells + rng.normal(size=cells.shape)
+    np.testing.assert_allclose(
+        corrected(jnp.asarray(T), jnp.asarray(anywhere), jnp.asarray(ANCHOR), tables=tables(), weight=0.0),
+        T,
+        atol=1e-7,
+    )
+
+
+def test_cells_are_means_of_the_vertices_around():
+    total = tables().down.weight.sum(axis=1)
+    np.testing.assert_allclose(total[tables().filled.ravel() > 0], 1.0, atol=1e-5)
+    assert tables().down.weight.min() >= 0
+    assert tables().share.sum() == pytest.approx(1.0, abs=1e-5)
+    assert tables().filled.all()
+    np.testing.assert_allclose(tables().anchors.sum(axis=1), 1.0, atol=1e-6)
+
+
+def test_a_garment_that_is_open_has_empty_columns():
+    garment = SCENE.garment
+    centre = garment.template[PINS].mean(axis=0)
+    kept = (garment.template - centre)[garment.faces].mean(axis=1)[:, 2] < -0.02  # its back half
+    used = np.unique(garment.faces[kept])
+    number = np.full(len(garment.template), -1)
+    number[used] = np.arange(len(used))
+    faces = number[garment.faces[kept]].astype(np.int32)
+    half = garment._replace(template=garment.template[used], faces=faces)
+    held = np.isin(PINS, used)
+    pins = SCENE.pins._replace(vertices=number[PINS[held]].astype(np.int32), weights=SCENE.pins.weights[held])
+    open_tables = make_swing_tables(SCENE._replace(garment=half, pins=pins), config=SWING)
+    assert not open_tables.filled[0].any()  # straight ahead
+    assert open_tables.filled[A // 2].all()
+    assert np.isfinite(open_tables.rest).all()
+    assert (open_tables.share[open_tables.filled == 0] < 1e-3).all()
+
+
+def test_a_part_without_pins_is_refused():
+    with pytest.raises(ValueError, match=r"has parts that do not; set swing\.steps = 0"):
+        make_swing_tables(SCENE._replace(pins=None), config=SWING)
