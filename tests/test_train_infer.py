@@ -16,7 +16,7 @@ from garment_jax.cli import main as garment_jax
 from garment_jax.config import to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.model import save_model
-from garment_jax.rollout.variants import VARIANTS
+from garment_jax.rollout.variants import variants_of
 from garment_jax.training.run_directory import prepare_run
 from tests.reference.scene import make_motion, make_scene, write_clip
 from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
@@ -281,7 +281,12 @@ def test_a_budget_chooses_a_measured_variant(tmp_path: Path, clip, monkeypatch, 
     words = [str(folder), "--motion", clip, "--out", out, "--budget-ms"]
     assert "variants.json is missing" in refused(call(infer, [*words, "4"], monkeypatch), capsys.readouterr())
     rows = [
-        {"name": name, "settings": VARIANTS[name]._asdict(), "error_cm": error, "ms": 99.0}
+        {
+            "name": name,
+            "settings": variants_of(tiny_model().params)[name]._asdict(),
+            "error_cm": error,
+            "ms": 99.0,
+        }
         for name, error in (("whole", 1.0), ("no collision", 1.1), ("no collision, no detail", 1.2))
     ]
     (folder / "variants.json").write_text(json.dumps({"variants": rows, "detail_mm": 0.4}))

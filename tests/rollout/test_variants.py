@@ -12,12 +12,12 @@ from garment_jax.generative.network import decode
 from garment_jax.rollout.calibration import _path, frame_times
 from garment_jax.rollout.variants import (
     FILE,
-    VARIANTS,
     Measured,
     Variant,
     apply_variant,
     choose,
     stored_variants,
+    variants_of,
     with_rank,
 )
 from tests.reference.scene import make_motion
@@ -116,6 +116,10 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
     row = {"name": "whole", "settings": Variant()._asdict(), "error_cm": 1.0, "ms": 2.0}
     (tmp_path / FILE).write_text(json.dumps({"variants": [row], "detail_mm": 0.3}))
     assert stored_variants(tmp_path) == ([Measured("whole", Variant(), 1.0, 2.0)], 0.3)
+    old = {**row, "settings": {"detail": True, "dynamics": True}}
+    (tmp_path / FILE).write_text(json.dumps({"variants": [old], "detail_mm": 0.3}))
+    with pytest.raises(ValueError, match=r"before models had a swing \('whole'\); run benchmarks"):
+        stored_variants(tmp_path)
     (tmp_path / FILE).write_text('{"variants": [{}]}')
     with pytest.raises(ValueError, match=r"variants.json is damaged .*run benchmarks/variants.py"):
         stored_variants(tmp_path)
@@ -133,7 +137,8 @@ def test_times_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.Mo
     for names in (["whole"], ["whole", "no detail"]):
         times = frame_times(tiny_model(), SCENE, motion, names, folder=tmp_path)
         assert {times[name] for name in names} == {1.5}
-    assert measured == [VARIANTS["whole"], VARIANTS["no detail"]]
+    variants = variants_of(tiny_model().params)
+    assert measured == [variants["whole"], variants["no detail"]]
     assert frame_times(tiny_model(), SCENE, motion, ["whole"])["whole"] == 1.5  # without a folder too
     assert len(measured) == 3
 
