@@ -29,7 +29,7 @@ class SwingTables(NamedTuple):
     filled: np.ndarray  # [a, h] 1 where a cell holds cloth, else 0
     share: np.ndarray  # [a, h] part of the garment's vertices in a cell
     down: Stencil  # vertices -> cells, the mean around each
-    up: Stencil  # cells -> vertices, linear between columns and between rows, 0 at the pins
+    up: Stencil  # cells -> vertices, a smooth surface that is 0 at the pins
     levels: np.ndarray  # [LEVELS + 1] borders of the heights above the anchors' mean, metres, falling
     farthest: float  # metres; a body farther from the axis counts as that far
     carried: Carried  # pins, then points of the collider
@@ -54,11 +54,12 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
     frames = _frames(a)
     anchors = _anchors(_azimuth(pins - axis), a)
     at = anchors @ pins
-    index, weight = _corners(_azimuth(T - axis), way / max(way.max(), 1e-9), a, h)
-    up = make_stencil(index, weight, a * h)
-    total = up.weight_t.sum(axis=1)
+    azimuth, depth = _azimuth(T - axis), way / max(way.max(), 1e-9)
+    near = make_stencil(*_corners(azimuth, depth, a, h), a * h)
+    total = near.weight_t.sum(axis=1)
     filled = (total > 1e-3).astype(np.float32)
-    down = make_stencil(up.index_t, up.weight_t / np.maximum(total, 1e-3)[:, None], len(T))
+    down = make_stencil(near.index_t, near.weight_t / np.maximum(total, 1e-3)[:, None], len(T))
+    up = make_stencil(*_splines(azimuth, depth, filled, a, h), a * h)
     cells = (T[down.index] * down.weight[..., None]).sum(axis=1).reshape(a, h, 3)
     rest = np.einsum("aij,ahj->ahi", frames, cells - at[:, None])
     mask = filled.reshape(a, h)
@@ -110,20 +111,58 @@ def _anchors(azimuth: np.ndarray, a: int) -> np.ndarray:
     return weight / weight.sum(axis=1, keepdims=True)
 
 
+def _place(azimuth: np.ndarray, depth: np.ndarray, a: int, h: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return where vertices are between columns and between rows; row k hangs at depth (k + 1) / h."""
+    return (azimuth / (2 * np.pi) * a) % a, depth * h - 1.0
+
+
 def _corners(azimuth: np.ndarray, depth: np.ndarray, a: int, h: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the four cells around each vertex and their weights, `[n, 4]`; the last row is at depth 1."""
-    column = (azimuth / (2 * np.pi) * a) % a
-    left = np.floor(column).astype(np.int64) % a
-    right, part = (left + 1) % a, column - np.floor(column)
-    row = depth * h - 1.0  # row k hangs at depth (k + 1) / h; the pins' own row is not there
-    upper = np.clip(np.floor(row).astype(np.int64), -1, h - 1)
-    lower, fine = np.minimum(upper + 1, h - 1), np.clip(row - upper, 0.0, 1.0)
+    """Return the four cells around each vertex and their weights, `[n, 4]`; the pins have no row."""
+    column, row = _place(azimuth, depth, a, h)
+    left, upper = np.floor(column).astype(np.int64), np.clip(np.floor(row).astype(np.int64), -1, h - 1)
+    part, fine = column - left, np.clip(row - upper, 0.0, 1.0)
     index, weight = [], []
-    for at, across in ((left, 1.0 - part), (right, part)):
-        for cell, along in ((upper, 1.0 - fine), (lower, fine)):
-            index.append(at * h + np.maximum(cell, 0))
+    for at, across in ((left, 1.0 - part), (left + 1, part)):
+        for cell, along in ((upper, 1.0 - fine), (np.minimum(upper + 1, h - 1), fine)):
+            index.append(at % a * h + np.maximum(cell, 0))
             weight.append(np.where(cell < 0, 0.0, across * along))
     return np.stack(index, axis=1), np.stack(weight, axis=1)
+
+
+def _splines(
+    azimuth: np.ndarray, depth: np.ndarray, filled: np.ndarray, a: int, h: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells whose cubic B-splines reach each vertex and their weights, `[n, 16]`.
+
+    Smooth, and blind to what differs from one column to the next: linear weights folded the cloth at every
+    column. Rows go on in a straight line through 0 at the pins and beyond the hem; cells without cloth count
+    for nothing.
+    """
+    column, row = _place(azimuth, depth, a, h)
+    left, upper = np.floor(column).astype(np.int64), np.clip(np.floor(row).astype(np.int64), -1, h - 1)
+    across, along = _cubic(column - left), _cubic(np.clip(row - upper, 0.0, 1.0))
+    rows = np.zeros((len(row), h + 4))  # rows -2 to h + 1
+    np.put_along_axis(rows, upper[:, None] + np.arange(1, 5), along, axis=1)
+    rows[:, 2] -= rows[:, 0]
+    rows[:, h + 1] += 2.0 * rows[:, h + 2]
+    if h > 1:
+        rows[:, h] -= rows[:, h + 2]
+    rows = rows[:, 2 : h + 2]
+    few = np.clip(upper - 1, 0, max(h - 4, 0))[:, None] + np.arange(min(h, 4))
+    along = np.take_along_axis(rows, few, axis=1)
+    columns = (left[:, None] + np.arange(-1, 3)) % a
+    index = (columns[:, :, None] * h + few[:, None]).reshape(len(row), -1)
+    weight = (across[:, :, None] * along[:, None]).reshape(len(row), -1)
+    kept = weight * filled[index]
+    lost = weight.sum(axis=1) / np.where(np.abs(kept.sum(axis=1)) > 1e-3, kept.sum(axis=1), np.inf)
+    return index, kept * np.clip(lost, 0.0, 2.0)[:, None]
+
+
+def _cubic(t: np.ndarray) -> np.ndarray:
+    """Return the weights of the knots at -1, 0, 1 and 2 of the uniform cubic B-spline, `[..., 4]`."""
+    u = 1.0 - t
+    middle = (4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * u**2 + 3.0 * u**3)
+    return np.stack([u**3, *middle, t**3], axis=-1) / 6.0
 
 
 def _thinned(carried: Carried) -> Carried:

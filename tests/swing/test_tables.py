@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from garment_jax.swing.network import cells_of, corrected
 from garment_jax.swing.tables import make_swing_tables, sector
@@ -55,7 +56,16 @@ def test_a_shift_of_all_cells_shifts_the_cloth_and_leaves_the_pins():
     rings = shift.reshape(8, 16, 3)
     part = rings @ d / (d @ d)
     np.testing.assert_allclose(rings, part[..., None] * d, atol=1e-6)  # along d alone
-    np.testing.assert_allclose(part, np.clip(np.arange(8) / 7 * H, 0, 1)[:, None].repeat(16, 1), atol=0.02)
+    # rows -2 to H of the spline: straight through 0 at the pins, and on beyond the hem
+    spline = BSpline(np.arange(H + 7.0) - 4.0, np.r_[-1.0, 0.0, np.ones(H + 1)], 3)
+    np.testing.assert_allclose(part, spline(np.arange(8) / 7 * H - 1)[:, None].repeat(16, 1), atol=0.02)
+
+
+def test_what_differs_from_column_to_column_is_smoothed_away():
+    comb = np.where(np.arange(A) % 2, -1.0, 1.0)[:, None, None] * np.ones((1, H, 3))
+    index, weight = tables().up.index, tables().up.weight
+    folded = (comb.reshape(-1, 3)[index] * weight[..., None]).sum(axis=1)
+    assert 0.2 < np.abs(folded).max() < 0.34  # a third: 4/6 - 2/6 at the columns themselves
 
 
 def test_a_correction_brings_the_cells_nearer_and_none_moves_nothing():
