@@ -2,9 +2,9 @@
 
     python benchmarks/swing_weight.py MODEL CLIP... [--json FILE]
 
-RMSE in cm over vertices and frames of rollouts without edge lengths and collisions, of each clip and of their
-mean. "swing" is the ring alone: its cells against the truth's. The last column is the correlation of both
-errors, cell by cell.
+RMSE in cm over vertices and frames of rollouts without edge lengths and collisions, corrected after pins and
+stretch limit (a rollout is corrected before), of each clip and of their mean. "swing" is the ring alone: its
+cells against the truth's. The last column is the correlation of both errors, cell by cell.
 """
 
 import argparse

@@ -31,7 +31,7 @@ from garment_jax.evaluation.penetration import (
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.calibration import measured_ms
 from garment_jax.rollout.model import Model, load_model
-from garment_jax.rollout.variants import FILE, VARIANTS, apply_variant
+from garment_jax.rollout.variants import FILE, apply_variant, variants_of
 from garment_jax.structs import Motion, Scene
 
 
@@ -76,7 +76,7 @@ def depth_cm(V: np.ndarray, clip: Clip, every: int) -> float:
 
 def errors(model: Model, name: str, validation: list[Clip], test: list[Clip], every: int) -> dict:
     """Return a variant's errors: for each clip, and what a choice goes by."""
-    scene, variant, rmse, depth = validation[0].scene, VARIANTS[name], {}, {}
+    scene, variant, rmse, depth = validation[0].scene, variants_of(model.params)[name], {}, {}
     run = make_animator(
         apply_variant(model, variant), scene, detail=variant.detail, collision=variant.collision
     )
@@ -122,9 +122,10 @@ def main() -> None:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     model, path = load_model(options.model), options.model / FILE
     table = json.loads(path.read_text()) if path.exists() else {"variants": []}
-    current = {name: v._asdict() for name, v in VARIANTS.items()}
+    variants = variants_of(model.params)
+    current = {name: v._asdict() for name, v in variants.items()}
     rows = {r["name"]: r for r in table["variants"] if r.get("settings") == current.get(r["name"])}
-    rows = {n: {"name": n, "settings": v._asdict(), **rows.get(n, {})} for n, v in VARIANTS.items()}
+    rows = {n: {"name": n, "settings": v._asdict(), **rows.get(n, {})} for n, v in variants.items()}
     validation = [Clip(p, options.frames) for p in options.validation]
 
     def write() -> None:
@@ -137,13 +138,13 @@ def main() -> None:
         test = [Clip(p, options.frames) for p in options.test]
         table |= {"frames": options.frames or "all", "validation": [c.name for c in validation]}
         table["detail_mm"] = round(detail_mm(model, validation[0]), 4)
-        for name in sorted(VARIANTS, key=lambda name: VARIANTS[name].collision):  # the quick ones first
+        for name in sorted(variants, key=lambda name: variants[name].collision):  # the quick ones first
             rows[name] |= errors(model, name, validation, test, options.every)
             write()
     if options.times:
         clip = validation[0]
         for name, row in rows.items():
-            row["ms"] = measured_ms(model, clip.scene, clip.motion, VARIANTS[name])
+            row["ms"] = measured_ms(model, clip.scene, clip.motion, variants[name])
             row["relative_cost"] = row["ms"] / rows["whole"]["ms"]
             print(f"{name}: {row['ms']:.2f} ms a frame", flush=True)
             write()

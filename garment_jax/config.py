@@ -264,7 +264,14 @@ def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
 
 
 def _fitting(config: Config, source: str) -> Config:
-    """`config`, or ValueError where its UV maps cannot be halved by every convolution."""
+    """`config`, or ValueError where UV maps cannot be halved by every convolution or the ring is no ring."""
+    swing = config.swing
+    if swing.around % 2 == 0 or swing.columns < swing.around or swing.hidden < 1 or swing.window < 2:
+        raise ValueError(
+            f"{source}: swing.around = {swing.around}, swing.columns = {swing.columns}, swing.hidden = "
+            f"{swing.hidden}, swing.window = {swing.window}: give an odd number around, no more than there "
+            "are columns, one hidden number and two frames at least."
+        )
     size = config.uv.size
     for section in ("generative", "motion"):
         widths = getattr(config, section).channels

@@ -100,4 +100,4 @@ class TrainState(NamedTuple):
     opt_state: Any
     key: Any  # PRNG key, split once per step
     step: Any  # [] int32
-    carry: Any = ()  # recurrent state that crosses window borders (motion stage)
+    carry: Any = ()  # recurrent state that crosses window borders (motion, swing)

@@ -58,6 +58,8 @@ def changed_everywhere() -> Config:
     def other(key: str, hint: object, value: object) -> object:
         if key == "size":
             return 96  # which five convolutions halve
+        if key == "around":
+            return 3  # odd
         if key in config_module._PARTS:
             return 1.0 - value  # type: ignore[operator]
         if get_origin(hint) is tuple:
@@ -203,3 +205,9 @@ def test_the_local_dynamics_of_older_models_are_dropped_and_refused_where_they_m
         from_dict(to_dict(Config()) | {"dynamics": {"steps": 3000}})
     with pytest.raises(ValueError, match="unknown section 'dynamic'"):
         from_dict({"dynamic": {"steps": 0}})
+
+
+@pytest.mark.parametrize("change", [{"around": 4}, {"columns": 3}, {"hidden": 0}, {"window": 1}])
+def test_a_ring_that_is_none_is_refused(change: dict):
+    with pytest.raises(ValueError, match="give an odd number around, no more than there are columns"):
+        from_dict({"swing": change})

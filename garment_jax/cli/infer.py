@@ -60,8 +60,9 @@ def infer(
     )
     name = "whole model"
     if budget_ms is not None:
-        whole = _as_planned(whole or read(), scene_plan)
-        name, scene_plan, whole, line = _within(budget_ms, model, whole, scene, moves, scene_plan, here)
+        # with a swing that is not wanted, too: the names of its variants are those of the stored table
+        found = _within(budget_ms, model, whole or read(), scene, moves, scene_plan, here)
+        name, scene_plan, whole, line = found
         yield line
     if plan:
         planned = _as_planned(whole or read(), scene_plan)

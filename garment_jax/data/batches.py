@@ -42,7 +42,6 @@ def lane_schedule(
     lanes: int,
     steps: int,
     seed: int,
-    growth: float = 0.0,
 ) -> list[LaneWindow]:
     """Return which frames every lane sees in each of `steps` windows."""
     return make_schedule(
@@ -54,7 +53,6 @@ def lane_schedule(
         from_first=config.from_first,
         true_starts=config.true_starts,
         lane_windows=config.lane_windows,
-        growth=growth,
     )
 
 

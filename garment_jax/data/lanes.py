@@ -20,11 +20,11 @@ class LaneWindow(NamedTuple):
     age: np.ndarray  # [L] frames since the lane began
 
 
-def check_window(lengths: Sequence[int], window: int) -> None:
-    """Raise `ValueError` unless a clip of `lengths` frames holds a window."""
+def check_window(lengths: Sequence[int], window: int, stage: str = "motion") -> None:
+    """Raise `ValueError` unless a clip of `lengths` frames holds a window of the stage."""
     if not any(length >= window for length in lengths):
         raise ValueError(
-            f"motion.window = {window} frames, but the longest training clip has {max(lengths)}; shorten it."
+            f"{stage}.window = {window} frames, but the longest training clip has {max(lengths)}; shorten it."
         )
 
 
@@ -38,13 +38,11 @@ def make_schedule(
     from_first: float,
     true_starts: float,
     lane_windows: int,
-    growth: float = 0.0,
 ) -> list[LaneWindow]:
     """Return the windows of `steps` steps.
 
     A lane draws a clip (by length) and a start (a clip's first frame with probability `from_first`), runs
-    for at most `lane_windows` windows, and draws anew; over the first `growth` of the steps that limit grows
-    from 1. Raises `ValueError` when no clip holds a window, or
+    for at most `lane_windows` windows, and draws anew. Raises `ValueError` when no clip holds a window, or
     when lanes are none or end before they begin.
     """
     if lanes < 1 or lane_windows < 1:
@@ -61,7 +59,6 @@ def make_schedule(
             from_first,
             true_starts,
             lane_windows,
-            growth,
         )
         for lane in range(lanes)
     ]
@@ -78,16 +75,13 @@ def _lane(
     from_first: float,
     true_starts: float,
     lane_windows: int,
-    growth: float,
 ) -> list[tuple[int, int, bool, bool, int]]:
     rows: list[tuple[int, int, bool, bool, int]] = []
     while len(rows) < steps:
         clip = int(rng.choice(len(lengths), p=weights))
         first, true = rng.random() < from_first, rng.random() < true_starts
         start = 0 if first else int(rng.integers(0, lengths[clip] - window + 1))
-        grown = min(len(rows) / (growth * steps), 1.0) if growth else 1.0
-        limit = 1 + round(grown * (lane_windows - 1))
-        for k in range(min(limit, (lengths[clip] - start) // window)):
+        for k in range(min(lane_windows, (lengths[clip] - start) // window)):
             rows.append((clip, start + k * window, k == 0, true, k * window))
     return rows[:steps]
 

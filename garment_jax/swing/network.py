@@ -3,7 +3,7 @@
 Not in the paper, whose code sees the body's whole motion at once and knows the dances that it has seen. What
 moves a column of cloth is near it, and is the same on all sides: columns share their weights, and see each
 other through circular convolutions. Everything is in the columns' own frames, so a turn of body and cloth
-about the up axis by a column turns what comes out, exactly.
+about the up axis by a column turns what comes out.
 """
 
 from typing import NamedTuple
@@ -120,10 +120,15 @@ def turned(x: Float[Array, "*b a h 3"], angle: Float[Array, "*b"]) -> Float[Arra
 def cells_of(
     V: Float[Array, "*b n 3"], anchor: Float[Array, "*b a 3"], *, tables: SwingTables
 ) -> Float[Array, "*b a h 3"]:
-    """Return where the cells of a garment hang, from the anchors; metres, `V` and `anchor` in root frames."""
+    """Return where the cells of a garment hang, from the anchors; metres, `V` and `anchor` in root frames.
+
+    Cells without cloth hang where the others of their row do on the template.
+    """
     a, h = tables.filled.shape
     cells = apply_stencil(V, tables.down).reshape(*V.shape[:-2], a, h, 3) - anchor[..., None, :]
-    return jnp.einsum("aij,...ahj->...ahi", tables.frames, cells)
+    cells = jnp.einsum("aij,...ahj->...ahi", tables.frames, cells)
+    typical, filled = (jnp.broadcast_to(x, cells.shape) for x in (tables.typical, tables.filled[..., None]))
+    return jnp.where(filled > 0, cells, typical)
 
 
 def corrected(

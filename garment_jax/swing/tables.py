@@ -11,7 +11,7 @@ from garment_jax.geometry.stencil import Stencil, make_stencil
 from garment_jax.geometry.ways import ways_to_pins
 from garment_jax.structs import Scene
 
-BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body, a third of a sector
+BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body
 LEVELS = 12  # heights at which the body's radius is read
 ABOVE, BELOW = 0.4, 1.35  # lengths of cloth from the anchors that the levels span
 SPREAD = 0.13  # parts of its distance from the anchor that a cell strays from where it hangs (shared skirt)
@@ -41,13 +41,13 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
     Raises `ValueError` for a garment without pins or a part that hangs on none: nothing carries its columns.
     """
     garment, a, h = scene.garment, config.columns, config.rows
-    carried = _thinned(carried_points(scene, collider=True))
-    way = ways_to_pins(garment, carried.pins)[0] if len(carried.pins) else np.array([np.inf])
-    if not np.isfinite(way).all():
+    if not hangs_on_pins(scene):
         raise ValueError(
             "swing.steps is for a garment whose every part hangs on pins, and this one has parts that do "
             "not; set swing.steps = 0."
         )
+    carried = _thinned(carried_points(scene, collider=True))
+    way = ways_to_pins(garment, carried.pins)[0]
     T = garment.template.astype(np.float64) - scene.body.joints[0]
     pins = T[carried.pins]
     axis = pins.mean(axis=0)
@@ -83,6 +83,13 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
         2.0 * length,
         carried,
     )
+
+
+def hangs_on_pins(scene: Scene) -> bool:
+    """Return whether every part of the garment hangs on a pin, without which there is no ring."""
+    if scene.pins is None or not len(scene.pins.vertices):
+        return False
+    return bool(np.isfinite(ways_to_pins(scene.garment, scene.pins.vertices)[0]).all())
 
 
 def sector(x: np.ndarray, columns: int) -> np.ndarray:

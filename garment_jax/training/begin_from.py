@@ -24,6 +24,7 @@ _ALIKE = {
     ),
     "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
     "detail": ("features", "code_features", "hidden", "vertex_code"),
+    "swing": ("rows", "hidden", "width", "around"),
 }
 
 
@@ -45,10 +46,11 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
     if not folder:
         return None
     model, parts = load_model(folder, leave_out=PARTS), model_facts(folder).parts
+    swings = bool(config.swing.steps) and "swing" in parts  # where it has none, the run begins a fresh one
     here, there = to_dict(config), to_dict(model.config)
     pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
-    for section in ("body", "uv", *stages):
+    for section in ("body", "uv", *stages, *(["swing"] if swings else [])):
         pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in _ALIKE[section]]
     for name, theirs, ours in pairs:
         if theirs != ours:
@@ -91,7 +93,8 @@ def begun_model(folder: str, run_dir: Path) -> Model:
 
     Raises `ValueError` where another model lies there now, or none.
     """
-    wanted = json.loads((run_dir / FACTS_NAME).read_text(encoding="utf-8")).get("begin_from")
+    facts = run_dir / FACTS_NAME
+    wanted = json.loads(facts.read_text(encoding="utf-8")).get("begin_from") if facts.is_file() else None
     if not (Path(folder) / "parameters.npz").is_file() or _digest(folder) != wanted:
         raise ValueError(
             f"{run_dir} trained the swing alone, beside the model in {folder}, and that is no longer there; "

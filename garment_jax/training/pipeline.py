@@ -27,11 +27,11 @@ def train(
     go together.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
-    from garment_jax.swing.tables import make_swing_tables
+    from garment_jax.swing.tables import hangs_on_pins, make_swing_tables
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
-    from garment_jax.training.run import open_run
+    from garment_jax.training.run import open_run, say
     from garment_jax.training.swing_stage import train_swing
 
     if stage not in ("all", *STAGES):
@@ -43,11 +43,15 @@ def train(
         _check_predecessors(config, Path(run_dir), STAGES[:last])
 
     def check(data: DataSet) -> None:
-        if stage in ("all", "swing") and config.swing.steps:  # refused now, not after hours
-            make_swing_tables(data.scene, config=config.swing)
         if stage != "generative":  # which sees single frames; the others would refuse after hours
             lengths = [len(clip.V) for clip in data.train]
-            check_window(lengths, (config.swing if stage == "swing" else config.motion).window)
+            for name in (
+                ("motion", "swing") if stage == "all" else ("swing" if stage == "swing" else "motion",)
+            ):
+                if getattr(config, name).steps:
+                    check_window(lengths, getattr(config, name).window, name)
+        if stage == "swing":
+            make_swing_tables(data.scene, config=config.swing)
 
     run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard, check=check)
     with run.log:
@@ -58,7 +62,10 @@ def train(
                 if last >= 2 and config.detail.steps:
                     train_detail(run, generative, motion)
         if last >= 3 and config.swing.steps:
-            train_swing(run)
+            if stage == "swing" or hangs_on_pins(run.data.scene):
+                train_swing(run)
+            else:
+                say("swing: left out, since parts of this garment hang on no pin")
     return run.folder
 
 
@@ -90,7 +97,10 @@ def trained_model(path: str | Path) -> Model:
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
     if set(found) == {"swing"} and metadata["config"]["training"]["begin_from"]:
-        found = begun_model(metadata["config"]["training"]["begin_from"], path).params | found
+        codes = begun_model(metadata["config"]["training"]["begin_from"], path)
+        found = codes.params | found
+        mine = {k: metadata["config"][k] for k in ("swing", "rollout", "collision", "training", "data")}
+        metadata["config"] = to_dict(codes.config) | mine
     for stage in ("generative", "motion"):
         if stage not in found:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""A training run: what its three stages share, and the stages one after the other."""
+"""A training run: what its stages share, and the stages one after the other."""
 
 import sys
 from collections.abc import Callable, Mapping

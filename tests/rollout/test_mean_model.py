@@ -6,7 +6,8 @@ import pytest
 
 from garment_jax.cli import main
 from garment_jax.rollout.mean_model import mean_model
-from garment_jax.rollout.model import load_model, save_model
+from garment_jax.rollout.model import load_model, save_model, without_swing
+from tests.reference.tiny_swing import swinging_model
 from tests.rollout.tiny_model import tiny_model
 
 MODEL = tiny_model()
@@ -26,6 +27,14 @@ def test_the_mean_is_that_of_every_parameter():
     found = mean_model([MODEL, moved(1.0), moved(5.0)], ["a", "b", "c"])
     assert_alike(found.params, moved(2.0).params)
     assert found.config == MODEL.config
+
+
+def test_the_swing_is_the_first_ones():
+    first, second = swinging_model(), moved(2.0)
+    found = mean_model([first, second], ["a", "b"])
+    jax.tree.map(np.testing.assert_array_equal, found.params["swing"], first.params["swing"])
+    assert_alike(without_swing(found).params, moved(1.0).params)
+    assert "swing" not in mean_model([second, first], ["b", "a"]).params
 
 
 def test_one_model_is_its_own_mean():

@@ -155,8 +155,12 @@ def test_the_swing_alone_is_trained_beside_a_saved_model(
     train(beside, tmp_path / "on", data_dir=data_dir, stage="swing")
     jax.tree.map(np.testing.assert_array_equal, begun[0].params, swinging_model().params["swing"])
     wide = replace(beside, swing=replace(SWING, hidden=7))
-    with pytest.raises(ValueError, match="has no swing parameters of these shapes"):
+    with pytest.raises(ValueError, match=r"has swing\.hidden = 6, not 7; make both alike"):
         train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
+    assert not (tmp_path / "wide").exists()
+    long = replace(CONFIG, swing=replace(SWING, window=999))
+    with pytest.raises(ValueError, match=r"swing\.window = 999 frames, but the longest training clip has"):
+        train(long, tmp_path / "long", data_dir=data_dir)
 
 
 def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uninterrupted: Path):
