@@ -178,7 +178,7 @@ class TrainingConfig:
 class RolloutConfig:
     chunk: int = 256  # frames per compiled piece
     lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
-    swing: float = 0.7  # part of the way from the codes to the swing that the cloth goes
+    swing: float = 0.6  # part of the way from the codes to the swing that the cloth goes
 
 
 @dataclass(frozen=True)

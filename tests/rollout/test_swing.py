@@ -90,7 +90,7 @@ def test_the_plan_says_whether_it_runs():
     assert on.swing
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
-    assert on.why["swing"] == "wanted: 70% of the way from the codes to it"
+    assert on.why["swing"] == "wanted: 60% of the way from the codes to it"
     off = make_plan(facts_of(swinging_model()), SCENE, motion(5), swing=False)
     assert not off.swing
     assert off.leave_out == ("generative/E_gen", "swing")
