@@ -184,7 +184,8 @@ class Plan:
         lengths = ["lengths"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
-        return [row.task, row.detail, row.precision, collision, *lengths]
+        swing = [config.rollout.swing] if config.swing.steps else []
+        return [row.task, row.detail, row.precision, collision, *lengths, *swing]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:
         return self.out / "results" / f"{row.name}-s{seed}-{kind}-{digest(parts)}.json"
