@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from garment_jax.config import SwingConfig
 from garment_jax.generative.blocks import along_channels
 from garment_jax.geometry.stencil import apply_stencil
+from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
@@ -91,7 +92,7 @@ def swing_step(
     everywhere = jnp.concatenate([u.mean(axis=-2), u.max(axis=-2)], axis=-1)
     everywhere = jax.nn.gelu(_dense(params["all"], everywhere))
     into = _dense(params["gates"], u) + (everywhere @ params["gates_all"]["kernel"])[..., None, :]
-    h = _gru(into, _dense(params["gates_h"], carry.h), carry.h)
+    h = gru_step({"gru_h": params["gates_h"]}, carry.h, into)
     y = _circular(h @ params["around"]["kernel"], config.around)
     y = jax.nn.gelu(y + along_channels(params["around"]["bias"], y))
     X = _dense(params["out"], y).reshape(hung.shape) * scale + typical
@@ -157,12 +158,3 @@ def _circular(y: Float[Array, "*b a kw"], around: int) -> Float[Array, "*b a w"]
     return sum(  # type: ignore[return-value]
         jnp.roll(piece, k - around // 2, axis=-2) for k, piece in enumerate(pieces)
     )
-
-
-def _gru(into: jax.Array, from_h: jax.Array, h: jax.Array) -> jax.Array:
-    """Return the next state; PyTorch's `GRUCell` (reset, update, new)."""
-    rx, zx, nx = jnp.split(into, 3, axis=-1)
-    rh, zh, nh = jnp.split(from_h, 3, axis=-1)
-    z = jax.nn.sigmoid(zx + zh)
-    new = jnp.tanh(nx + jax.nn.sigmoid(rx + rh) * nh)
-    return (1.0 - z) * new + z * h
