@@ -49,12 +49,13 @@ def load(row: Row, run: Path, config: Config) -> Runner:
     model = trained_model(run)
     model = model._replace(config=config, params=_rounded(model.params, row.precision))
     count = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(model.params))
+    whole = "swing" not in model.params  # batches and streams are the codes' alone: not what this row does
     return Runner(
         model.params,
         count,
         _animate(model, row),
-        _rollout_batch(model, row),
-        _stream(model, row),
+        _rollout_batch(model, row) if whole else None,
+        _stream(model, row) if whole else None,
         lambda scene, motion, V, name: reconstructed(model, scene, motion, V, name),
     )
 

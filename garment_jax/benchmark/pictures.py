@@ -15,7 +15,7 @@ from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture
 
 HEIGHT, COLUMNS = 260, 5
 REBUILT = ("vertex_decoder", "ssdr_linear", "auto_encoder")
-COMPARED = ("santesteban_2019", "pan_2022", "no_previous_state", "ours")
+COMPARED = ("santesteban_2019", "pan_2022", "no_previous_state", "ours", "ours_swing")
 
 
 def all_pictures(records: Records, test: Sequence[Path], out: Path) -> dict[str, Path]:

@@ -137,9 +137,12 @@ def merged(config: Config, changes: Mapping[str, Any], *, source: str) -> Config
 
 
 def scaled(config: Config, *, length: float = 1.0, rate: float = 1.0) -> Config:
-    """Return `config` with numbers of steps times `length` (1 at least) and learning rates times `rate`."""
+    """Return `config` with numbers of steps times `length` (1 at least) and learning rates times `rate`.
 
-    def section(values: Any) -> Any:
+    The swing keeps its rate: the search is the codes', which it never reads.
+    """
+
+    def section(values: Any, rate: float) -> Any:
         changed = {}
         for item in dataclasses.fields(values):
             value = getattr(values, item.name)
@@ -149,7 +152,8 @@ def scaled(config: Config, *, length: float = 1.0, rate: float = 1.0) -> Config:
                 changed[item.name] = value * rate
         return dataclasses.replace(values, **changed)
 
-    return dataclasses.replace(config, **{name: section(getattr(config, name)) for name in _TRAINED})
+    changed = {name: section(getattr(config, name), rate) for name in _TRAINED}
+    return dataclasses.replace(config, **changed, swing=section(config.swing, 1.0))
 
 
 def row_config(loaded: Loaded, row: Row, seed: int, *, rate: float = 1.0, length: float = 1.0) -> Config:

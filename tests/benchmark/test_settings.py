@@ -1,5 +1,6 @@
 """The benchmark's file: what it means, and what is refused by name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from garment_jax.benchmark.settings import (
     row_config,
     scaled,
 )
-from garment_jax.config import Config
+from garment_jax.config import Config, SwingConfig
 from tests.benchmark.made import TEXT, write_benchmark
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,8 @@ def test_length_and_rate_scale_steps_and_rates_and_nothing_else() -> None:
     assert config.detail.learning_rate == pytest.approx(6e-4)
     assert config.training == Config().training  # final_rate is a part, not a rate
     assert scaled(Config(), length=1e-9).detail.steps == 1
+    swing = scaled(replace(Config(), swing=SwingConfig(steps=40)), length=0.5, rate=3.0).swing
+    assert swing == SwingConfig(steps=20)
 
 
 def test_no_steps_stay_none() -> None:
