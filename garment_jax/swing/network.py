@@ -19,6 +19,8 @@ from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
+REACH = 1.0  # of a cell's scale (some 10 cm at a skirt's hem): as far as a correction goes at most
+
 
 class SwingCarry(NamedTuple):
     """What the ring carries from frame to frame; columns' frames."""
@@ -140,9 +142,16 @@ def corrected(
     tables: SwingTables,
     weight: float,
 ) -> Float[Array, "*b n 3"]:
-    """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
+    """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay.
+
+    No cell is taken to be farther off than `REACH` times its scale: where ring and codes are far apart
+    neither knows, and all of the way would stretch the cloth between two columns.
+    """
     away = X - cells_of(V, anchor, tables=tables)
-    away = jnp.where(jnp.broadcast_to(tables.filled[..., None] > 0, away.shape), away, 0.0)
+    filled, reach = (jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], REACH * tables.scale))
+    far = jnp.linalg.norm(away, axis=-1, keepdims=True)
+    away = away * jnp.where(far > 1e-9, reach * jnp.tanh(far / reach) / jnp.maximum(far, 1e-9), 1.0)
+    away = jnp.where(filled > 0, away, 0.0)
     away = jnp.einsum("aij,...ahi->...ahj", tables.frames, weight * away)
     return V + apply_stencil(away.reshape(*away.shape[:-3], -1, 3), tables.up)
 
