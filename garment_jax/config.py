@@ -126,7 +126,6 @@ class SwingConfig:
     lanes: int = 32  # clips trained side by side
     from_first: float = 0.5  # part of the lanes that begin at a clip's first frame, the rest at a true one
     lane_windows: int = 25  # windows after which a lane begins anew
-    mirror: bool = True  # learn mirrored clips, too, where the garment is alike on both sides
     learning_rate: float = 2e-3
     weight_decay: float = 1e-3
 

@@ -11,7 +11,6 @@ from garment_jax.data.lanes import LaneWindow, make_schedule
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.rollout.swing import make_swing_rollout, roll_clip
 from garment_jax.structs import TrainState
-from garment_jax.swing.mirror import is_symmetric, mirrored_cells, mirrored_frames
 from garment_jax.swing.motion import SwingFrame, swing_frames
 from garment_jax.swing.network import at_rest, cells_of, init_swing
 from garment_jax.swing.tables import SwingTables, make_swing_tables
@@ -35,11 +34,6 @@ class _Clip:
             pieces.append(np.asarray(cells(frames_of(clip, which, data), self.frames.anchor[which])))
         self.X = np.concatenate(pieces)[:t]
 
-    def cut(self, frames: slice, mirrored: bool) -> tuple[SwingFrame, np.ndarray]:
-        """Return frames and cells of a window, as they are or as a mirror shows them."""
-        frame, X = jax.tree.map(itemgetter(frames), self.frames), self.X[frames]
-        return (mirrored_frames(frame), mirrored_cells(X)) if mirrored else (frame, X)
-
 
 def train_swing(run: Run) -> dict:
     """Return the trained parameters of the swing; goes on from the newest checkpoint."""
@@ -48,13 +42,8 @@ def train_swing(run: Run) -> dict:
     cells = jax.jit(lambda V, anchor: cells_of(V, anchor, tables=tables))
     say("swing: finding the cells of the training clips")
     clips = [_Clip(clip, data, tables, cells) for clip in data.train]
-    lengths = [len(clip.X) for clip in clips]
-    if config.mirror and not is_symmetric(tables):
-        say("swing: the garment differs from side to side, clips are not mirrored")
-    elif config.mirror:
-        lengths *= 2  # the second half are the mirrored ones
     schedule = make_schedule(
-        lengths,
+        [len(clip.X) for clip in clips],
         lanes=config.lanes,
         window=config.window,
         steps=config.steps,
@@ -91,16 +80,13 @@ def train_swing(run: Run) -> dict:
 
 
 def make_batch(clips: list[_Clip], lanes: LaneWindow, tables: SwingTables, window: int) -> SwingBatch:
-    """Return one window of every lane; clips' numbers go on with the mirrored ones."""
-    pairs = list(zip(lanes.clip.tolist(), lanes.start.tolist(), strict=True))
-    n = len(clips)
-    cuts = [clips[c % n].cut(slice(s, s + window), c >= n) for c, s in pairs]
-    frame = SwingFrame(*(np.stack(leaves, axis=1) for leaves in zip(*(f for f, _ in cuts), strict=True)))
-    X_star = np.stack([X for _, X in cuts], axis=1)
+    """Return one window of every lane."""
+    pairs = list(zip(lanes.clip, lanes.start, strict=True))
+    cuts = [jax.tree.map(itemgetter(slice(s, s + window)), clips[c].frames) for c, s in pairs]
+    frame = SwingFrame(*(np.stack(leaves, axis=1) for leaves in zip(*cuts, strict=True)))
+    X_star = np.stack([clips[c].X[s : s + window] for c, s in pairs], axis=1)
     # a clip's first frame has none before it: there the template hangs, as in a rollout
-    X_start = np.stack(
-        [clips[c % n].cut(slice(s - 1, s), c >= n)[1][0] if s else tables.rest for c, s in pairs]
-    )
+    X_start = np.stack([clips[c].X[s - 1] if s else tables.rest for c, s in pairs])
     return SwingBatch(frame, X_star, lanes.fresh, X_start, lanes.fresh & (lanes.start > 0))
 
 
