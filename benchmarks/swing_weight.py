@@ -1,10 +1,11 @@
-"""How far a rollout should go from the codes to the swing: error by `rollout.swing`, on clips kept back.
+"""How far a rollout should go from the codes to the swing: figures by `rollout.swing`, on clips kept back.
 
     python benchmarks/swing_weight.py MODEL CLIP... [--json FILE]
 
 RMSE in cm over vertices and frames of rollouts without edge lengths and collisions, corrected after pins and
 stretch limit (a rollout is corrected before), of each clip and of their mean. "swing" is the ring alone: its
-cells against the truth's. The last column is the correlation of both errors, cell by cell.
+cells against the truth's. The last column is the correlation of both errors, cell by cell. A clip's second
+line is its hem's motion, the standard deviation divided by the truth's: a mean of two moves less than either.
 """
 
 import argparse
@@ -16,6 +17,8 @@ from measured import report
 
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.sequence import open_sequence
+from garment_jax.evaluation.cloth import hem
+from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.model import Model, without_swing
 from garment_jax.rollout.swing import make_swing_rollout, roll_clip
@@ -27,10 +30,11 @@ from garment_jax.training.pipeline import trained_model
 
 WEIGHTS = (0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
 CHUNK = 128
+ERROR, MOTION = "RMSE cm", "hem motion"
 
 
-def judged(model: Model, path: Path) -> dict[str, float]:
-    """Return the errors of one clip."""
+def judged(model: Model, path: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the errors of one clip, and how much its hem moves."""
     with open_sequence(path) as clip:
         scene, motion, V_star = clip.scene, clip.motion, clip.read(0, clip.frames)
     yaw = heading(motion.rotations[:, 0])
@@ -45,17 +49,19 @@ def judged(model: Model, path: Path) -> dict[str, float]:
     X = roll_clip(roll, model.params["swing"], begun, frames, chunk=CHUNK)
     anchor = jnp.asarray(frames.anchor)
     cells, true = (np.asarray(cells_of(x, anchor, tables=tables)) for x in (V, V_star))
-    row = {}
+    pins = scene.pins.vertices if scene.pins is not None else None
+    low = hem_vertices(scene.garment.template, scene.garment.faces, pins)
+    truth = np.asarray(V_star)
+    row, moves = {}, {}
     for weight in WEIGHTS:
-        E = np.asarray(corrected(V, jnp.asarray(X), anchor, tables=tables, weight=weight)) - np.asarray(
-            V_star
-        )
-        row[f"{weight:g}"] = float(100 * np.sqrt(np.square(E).sum(axis=-1).mean(dtype=np.float64)))
+        W = np.asarray(corrected(V, jnp.asarray(X), anchor, tables=tables, weight=weight))
+        row[f"{weight:g}"] = float(100 * np.sqrt(np.square(W - truth).sum(axis=-1).mean(dtype=np.float64)))
+        moves[f"{weight:g}"] = hem(W[:, low]).motion_std_cm / hem(truth[:, low]).motion_std_cm
     share = tables.share[..., None]
     square = [(share * np.square(x - true)).sum() for x in (X, cells)]
     row["swing"] = float(100 * np.sqrt(square[0] / len(X)))
     row["correlation"] = float((share * (X - true) * (cells - true)).sum() / np.sqrt(square[0] * square[1]))
-    return row
+    return row, moves
 
 
 def main() -> None:
@@ -68,11 +74,21 @@ def main() -> None:
     model = trained_model(options.model)
     if "swing" not in model.params:
         raise SystemExit(f"swing_weight: {options.model} has no swing; train one with --stage swing.")
-    rows: list[dict] = [{"clip": path.stem} | judged(model, path) for path in options.clips]
-    mean = {key: float(np.mean([row[key] for row in rows])) for key in rows[0] if key != "clip"}
-    rows = [{k: round(v, 3) if k != "clip" else v for k, v in row.items()} for row in rows]
-    rows.append({"clip": "mean"} | {k: round(v, 3) for k, v in mean.items()})
-    report(rows, title="RMSE cm by rollout.swing", facts={"model": options.model}, json_path=options.json)
+    rows: list[dict] = []
+    for path in options.clips:
+        figures = zip((ERROR, MOTION), judged(model, path), strict=True)
+        rows += [{"clip": path.stem, "figure": name} | values for name, values in figures]
+    names = list(rows[0])
+    for name in (ERROR, MOTION):
+        own = [row for row in rows if row["figure"] == name and row["clip"] != "mean"]
+        means = {key: float(np.mean([row[key] for row in own])) for key in own[0] if key not in names[:2]}
+        rows.append({"clip": "mean", "figure": name} | means)
+    rows = [{name: _rounded(row.get(name)) for name in names} for row in rows]
+    report(rows, title="By rollout.swing", facts={"model": options.model}, json_path=options.json)
+
+
+def _rounded(value: object) -> object:
+    return round(value, 3) if isinstance(value, float) else value
 
 
 if __name__ == "__main__":
