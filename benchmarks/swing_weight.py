@@ -1,11 +1,12 @@
-"""How far a rollout should go from the codes to the swing: figures by `rollout.swing`, on clips kept back.
+"""How far a rollout should go from the codes to the swing, and be drawn out: figures on clips kept back.
 
     python benchmarks/swing_weight.py MODEL CLIP... [--json FILE]
 
-RMSE in cm over vertices and frames of rollouts without edge lengths and collisions, corrected after pins and
-stretch limit (a rollout is corrected before), of each clip and of their mean. "swing" is the ring alone: its
-cells against the truth's. The last column is the correlation of both errors, cell by cell. A clip's second
-line is its hem's motion, the standard deviation divided by the truth's: a mean of two moves less than either.
+By `rollout.swing`, and at the model's own by `rollout.gain` (columns x1.03 and on): RMSE in cm over vertices
+and frames of rollouts without edge lengths and collisions, corrected after pins and stretch limit (a rollout
+is corrected before), of each clip and of their mean. "swing" is the ring alone: its cells against the
+truth's. The last column is the correlation of both errors, cell by cell. A clip's second line is its hem's
+motion, the standard deviation divided by the truth's: a mean of two moves less than either.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from garment_jax.swing.tables import make_swing_tables
 from garment_jax.training.pipeline import trained_model
 
 WEIGHTS = (0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
+GAINS = (1.03, 1.06, 1.1)
 CHUNK = 128
 ERROR, MOTION = "RMSE cm", "hem motion"
 
@@ -53,10 +55,12 @@ def judged(model: Model, path: Path) -> tuple[dict[str, float], dict[str, float]
     low = hem_vertices(scene.garment.template, scene.garment.faces, pins)
     truth = np.asarray(V_star)
     row, moves = {}, {}
-    for weight in WEIGHTS:
-        W = np.asarray(corrected(V, jnp.asarray(X), anchor, tables=tables, weight=weight))
-        row[f"{weight:g}"] = float(100 * np.sqrt(np.square(W - truth).sum(axis=-1).mean(dtype=np.float64)))
-        moves[f"{weight:g}"] = hem(W[:, low]).motion_std_cm / hem(truth[:, low]).motion_std_cm
+    settings = {f"{weight:g}": (weight, 1.0) for weight in WEIGHTS}
+    settings |= {f"x{gain:g}": (model.config.rollout.swing, gain) for gain in GAINS}
+    for name, (weight, gain) in settings.items():
+        W = np.asarray(corrected(V, jnp.asarray(X), anchor, tables=tables, weight=weight, gain=gain))
+        row[name] = float(100 * np.sqrt(np.square(W - truth).sum(axis=-1).mean(dtype=np.float64)))
+        moves[name] = hem(W[:, low]).motion_std_cm / hem(truth[:, low]).motion_std_cm
     share = tables.share[..., None]
     square = [(share * np.square(x - true)).sum() for x in (X, cells)]
     row["swing"] = float(100 * np.sqrt(square[0] / len(X)))
@@ -84,7 +88,12 @@ def main() -> None:
         means = {key: float(np.mean([row[key] for row in own])) for key in own[0] if key not in names[:2]}
         rows.append({"clip": "mean", "figure": name} | means)
     rows = [{name: _rounded(row.get(name)) for name in names} for row in rows]
-    report(rows, title="By rollout.swing", facts={"model": options.model}, json_path=options.json)
+    report(
+        rows,
+        title="By rollout.swing, and by rollout.gain",
+        facts={"model": options.model},
+        json_path=options.json,
+    )
 
 
 def _rounded(value: object) -> object:

@@ -179,6 +179,7 @@ class RolloutConfig:
     chunk: int = 256  # frames per compiled piece
     lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
     swing: float = 0.6  # part of the way from the codes to the swing that the cloth goes
+    gain: float = 1.0  # of what the corrected cloth swings out: a mean of all it may do swings too little
 
 
 @dataclass(frozen=True)
@@ -303,7 +304,7 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, swing, lengths, begin_from) counts where it
+    What came later (baselines, decomposition, skin_reach, swing, lengths, gain, begin_from) counts where it
     differs from the defaults, so that older hashes hold.
     """
     values = to_dict(config)
@@ -314,7 +315,7 @@ def content_hash(config: Config) -> str:
     for key in ("decomposition", "skin_reach"):
         if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
             del values["generative"][key]
-    for key in ("lengths", "swing"):
+    for key in ("lengths", "swing", "gain"):
         if getattr(config.rollout, key) == getattr(RolloutConfig(), key):
             del values["rollout"][key]
     if not config.training.begin_from:

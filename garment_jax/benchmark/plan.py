@@ -184,7 +184,8 @@ class Plan:
         lengths = ["lengths"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
-        swing = [config.rollout.swing] if config.swing.steps else []
+        drawn = [config.rollout.gain] if config.rollout.gain != 1.0 else []  # came later, too
+        swing = [config.rollout.swing, *drawn] if config.swing.steps else []
         return [row.task, row.detail, row.precision, collision, *lengths, *swing]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:

@@ -77,7 +77,9 @@ def _swing(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
         return False, "not trained"
     if not wanted or not model.config.rollout.swing:
         return False, "not wanted: codes alone move the cloth"
-    return True, f"wanted: {model.config.rollout.swing:.0%} of the way from the codes to it"
+    wants = model.config.rollout
+    drawn = "" if wants.gain == 1.0 else f", drawn out by {wants.gain:g}"
+    return True, f"wanted: {wants.swing:.0%} of the way from the codes to it{drawn}"
 
 
 def _unread(model: ModelFacts, swings: bool, fine: bool) -> tuple[str, ...]:

@@ -52,6 +52,7 @@ def make_roller(
             scene,
             config=model.config.swing,
             weight=model.config.rollout.swing,
+            gain=model.config.rollout.gain,
             chunk=chunk,
             programs=programs,
             facts=facts,

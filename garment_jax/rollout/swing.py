@@ -26,13 +26,15 @@ def make_swing_corrector(
     *,
     config: SwingConfig,
     weight: float,
+    gain: float,
     chunk: int,
     programs: ProgramStore,
     facts: dict[str, Any],
 ) -> Corrector:
     """Return the function that corrects rollouts by `weight` of the way to the ring's; compiles at once.
 
-    Nothing of the codes goes into the ring, so their errors do not add up. `params` are the swing's.
+    Drawn out by `gain` after that. Nothing of the codes goes into the ring, so their errors do not add up.
+    `params` are the swing's.
     """
     tables = make_swing_tables(scene, config=config)
 
@@ -40,7 +42,7 @@ def make_swing_corrector(
         params: dict, carry: SwingCarry, frames: SwingFrame, V: jax.Array
     ) -> tuple[SwingCarry, jax.Array]:
         carry, X = roll_swing(params, carry, frames, tables=tables, config=config)
-        return carry, corrected(V, X, frames.anchor, tables=tables, weight=weight)
+        return carry, corrected(V, X, frames.anchor, tables=tables, weight=weight, gain=gain)
 
     a = config.columns
     shapes = SwingFrame((a, FEATURES), (a, 3), (), (a, 3))

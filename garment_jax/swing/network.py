@@ -141,18 +141,26 @@ def corrected(
     *,
     tables: SwingTables,
     weight: float,
+    gain: float = 1.0,
 ) -> Float[Array, "*b n 3"]:
     """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay.
 
     No cell is taken to be farther off than `REACH` times its scale: where ring and codes are far apart
-    neither knows, and all of the way would stretch the cloth between two columns.
+    neither knows, and all of the way would stretch the cloth between two columns. What is then away from
+    where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less than
+    any of it.
     """
-    away = X - cells_of(V, anchor, tables=tables)
-    filled, reach = (jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], REACH * tables.scale))
+    cells = cells_of(V, anchor, tables=tables)
+    away = X - cells
+    filled, reach = (
+        jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], REACH * tables.scale)
+    )
     far = jnp.linalg.norm(away, axis=-1, keepdims=True)
     away = away * jnp.where(far > 1e-9, reach * jnp.tanh(far / reach) / jnp.maximum(far, 1e-9), 1.0)
-    away = jnp.where(filled > 0, away, 0.0)
-    away = jnp.einsum("aij,...ahi->...ahj", tables.frames, weight * away)
+    away = weight * away
+    if gain != 1.0:
+        away += (gain - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))
+    away = jnp.einsum("aij,...ahi->...ahj", tables.frames, jnp.where(filled > 0, away, 0.0))
     return V + apply_stencil(away.reshape(*away.shape[:-3], -1, 3), tables.up)
 
 

@@ -37,7 +37,14 @@ def rolled(chunk: int, t: int = 23) -> np.ndarray:
 def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
     """Return the skinned template of every frame as the swing corrects it, root frames."""
     correct = make_swing_corrector(
-        params(), SCENE, config=SWING, weight=weight, chunk=chunk, programs=ProgramStore(None), facts={}
+        params(),
+        SCENE,
+        config=SWING,
+        weight=weight,
+        gain=1.0,
+        chunk=chunk,
+        programs=ProgramStore(None),
+        facts={},
     )
     pieces = ((k, np.broadcast_to(template().T, (chunk, *template().T.shape))) for k in range(0, t, chunk))
     made = list(correct(motion(t), pieces))
@@ -79,6 +86,8 @@ def test_the_animator_corrects_unless_the_swing_is_taken_away():
             tiny_model(),
         )
     )
+    drawn = animated(with_rollout(gain=1.2))
+    assert np.abs(drawn - V).max() > 0.001
     assert np.isfinite(V).all()
     assert np.abs(V - codes).max() > 0.01
     np.testing.assert_array_equal(alone, codes)
@@ -91,6 +100,8 @@ def test_the_plan_says_whether_it_runs():
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
     assert on.why["swing"] == "wanted: 60% of the way from the codes to it"
+    drawn = make_plan(facts_of(with_rollout(gain=1.06)), SCENE, motion(5))
+    assert drawn.why["swing"] == "wanted: 60% of the way from the codes to it, drawn out by 1.06"
     off = make_plan(facts_of(swinging_model()), SCENE, motion(5), swing=False)
     assert not off.swing
     assert off.leave_out == ("generative/E_gen", "swing")

@@ -139,3 +139,20 @@ def test_a_correction_does_not_reach_farther_than_a_cells_scale():
         largest.append(np.linalg.norm(wanted, axis=-1).max() / tables().scale.max())
     assert largest[0] < 2e-4
     assert largest[3] < 1.5
+
+
+def test_a_gain_draws_out_what_is_away_from_the_template_and_nothing_else():
+    """A garment that hangs as the template does stays; cloth that swings out swings farther."""
+
+    def drawn(X: np.ndarray, gain: float) -> np.ndarray:
+        made = corrected(
+            jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0, gain=gain
+        )
+        return np.asarray(made) - T
+
+    np.testing.assert_allclose(drawn(tables().rest, 1.3), 0.0, atol=2e-6)
+    rng = np.random.default_rng(5)
+    bend = 1e-2 * tables().scale * rng.normal(size=tables().rest.shape)
+    for gain in (1.3, 0.7):
+        wanted = gain * drawn(tables().rest + bend, 1.0)
+        np.testing.assert_allclose(drawn(tables().rest + bend, gain), wanted, atol=5e-6)
