@@ -15,7 +15,7 @@ from garment_jax.benchmark.tables import PREVIOUS, WITHOUT
 
 OURS_INK, OTHER_INK, FLOOR_INK = "#c2502e", "#3b6b9e", "#4d7f4d"
 
-CROWD, MANY = 1.06, 6  # rows so near the best one, and so many of them, are enlarged
+CROWD, MANY = 1.06, 6  # rows so near the middle one, and so many of them, are enlarged
 
 
 def all_plots(records: Records, lengths: Sequence[int]) -> dict[str, str]:
@@ -57,8 +57,9 @@ def pareto_plot(records: Records) -> str:
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     _draw(axes, marks)
-    crowd = [m for m in marks if m.y <= CROWD * min(m.y for m in marks)]
-    enlarged = _enlarged(axes, records, crowd) if records.floor and len(crowd) >= MANY else None
+    middle = float(np.median([m.y for m in marks])) if marks else 0.0
+    crowd = [m for m in marks if middle / CROWD <= m.y <= CROWD * middle]
+    enlarged = _enlarged(axes, records, marks, crowd) if len(crowd) >= MANY else None
     if enlarged is not None:
         _draw(enlarged, crowd)
     beside = [(axes, [m for m in marks if enlarged is None or m not in crowd])]
@@ -82,14 +83,12 @@ def _draw(axes: Any, marks: Sequence[_Mark]) -> None:
         axes.errorbar(m.x, m.y, yerr=m.error, fmt=m.shape, ms=5, color=m.ink, capsize=2, lw=1)
 
 
-def _enlarged(axes: Any, records: Records, crowd: Sequence[_Mark]) -> Any:
-    """Return axes that enlarge the best rows, in the empty space above the floor, if that is wide enough."""
-    low, high = axes.get_ylim()
-    floor = float(np.mean([f["rmse_cm"] for f in records.floor or ()]))
-    bottom, best = ((y - low) / (high - low) for y in (floor, min(m.y for m in crowd)))
-    if best - bottom < 0.35:
+def _enlarged(axes: Any, records: Records, marks: Sequence[_Mark], crowd: Sequence[_Mark]) -> Any:
+    """Return axes that enlarge a crowd in an empty space, under all marks or beside them, if one is large."""
+    place = _under(axes, records, marks) or _beside(axes, marks)
+    if place is None:
         return None
-    inset = axes.inset_axes((0.08, bottom + 0.08, 0.88, best - bottom - 0.16))
+    inset = axes.inset_axes(place)
     x, y = np.log10([m.x for m in crowd]), [m.y for m in crowd]
     inset.set(xscale="log", xlim=10 ** (np.array([min(x), max(x)]) + [-0.04, 0.04]))
     inset.set_ylim(min(y) - 0.15 * np.ptp(y), max(y) + 0.15 * np.ptp(y))
@@ -100,6 +99,24 @@ def _enlarged(axes: Any, records: Records, crowd: Sequence[_Mark]) -> Any:
     inset.grid(color="0.92", lw=0.6)
     axes.indicate_inset_zoom(inset, edgecolor="0.6")
     return inset
+
+
+def _under(axes: Any, records: Records, marks: Sequence[_Mark]) -> tuple[float, float, float, float] | None:
+    """Return the space between the floor and the best row, in parts of the axes."""
+    if not records.floor:
+        return None
+    low, high = axes.get_ylim()
+    floor = float(np.mean([f["rmse_cm"] for f in records.floor]))
+    bottom, best = ((y - low) / (high - low) for y in (floor, min(m.y for m in marks)))
+    return (0.08, bottom + 0.08, 0.88, best - bottom - 0.16) if best - bottom >= 0.35 else None
+
+
+def _beside(axes: Any, marks: Sequence[_Mark]) -> tuple[float, float, float, float] | None:
+    """Return the space above all rows of the slower half, in parts of the axes."""
+    places = axes.transAxes.inverted().transform(axes.transData.transform([(m.x, m.y) for m in marks]))
+    left = 0.5
+    bottom = max((y for x, y in places if x > left - 0.05), default=0.0) + 0.08
+    return (left, bottom, 0.97 - left, 0.97 - bottom) if bottom <= 0.62 else None
 
 
 def _number(figure: Any, axes: Any, marks: Sequence[_Mark]) -> None:

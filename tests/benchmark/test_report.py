@@ -94,7 +94,7 @@ def test_a_crowd_is_enlarged_between_the_best_row_and_the_floor(
     crowd = [_Mark(k, 2.0 + k, 4.0 + 0.02 * k, None, "r", "o") for k in range(6)]
     _, axes = _figure()
     axes.set(xscale="log", xlim=(0.1, 10.0), ylim=(1.5, 6.0))
-    inset = _enlarged(axes, records, crowd)
+    inset = _enlarged(axes, records, crowd, crowd)
     assert (inset is not None) is room
     if room:
         (left, low), (right, high) = axes.transData.inverted().transform(
@@ -104,6 +104,21 @@ def test_a_crowd_is_enlarged_between_the_best_row_and_the_floor(
         assert 0.1 < left < right < 10.0
         assert all(inset.get_xlim()[0] < m.x < inset.get_xlim()[1] for m in crowd)
         assert all(inset.get_ylim()[0] < m.y < inset.get_ylim()[1] for m in crowd)
+
+
+def test_and_beside_all_rows_where_the_best_one_leaves_no_room_below(finished: Plan) -> None:
+    records = gather(finished)._replace(floor=[{"rmse_cm": 2.8}])
+    crowd = [_Mark(k, 2.0 + k, 4.4 + 0.02 * k, None, "r", "o") for k in range(6)]
+    best = _Mark(6, 2.1, 3.9, None, "r", "o")
+    _, axes = _figure()
+    axes.set(xscale="log", xlim=(0.1, 10.0), ylim=(2.5, 9.0))
+    inset = _enlarged(axes, records, [*crowd, best], crowd)
+    assert inset is not None
+    (left, low), (right, high) = axes.transData.inverted().transform(inset.get_window_extent().get_points())
+    assert 4.5 < low < high < 9.0
+    assert 0.1 < left < right < 10.0
+    assert all(inset.get_ylim()[0] < m.y < inset.get_ylim()[1] for m in crowd)
+    assert best.y < inset.get_ylim()[0]
 
 
 def test_markdown_json_and_csv_say_the_same(finished: Plan) -> None:
