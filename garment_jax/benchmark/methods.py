@@ -21,7 +21,7 @@ from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.finish import Chunk
-from garment_jax.rollout.model import Model, save_model, skinned_template, template_for
+from garment_jax.rollout.model import Model, save_model, skinned_template, template_for, without_swing
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
@@ -49,13 +49,14 @@ def load(row: Row, run: Path, config: Config) -> Runner:
     model = trained_model(run)
     model = model._replace(config=config, params=_rounded(model.params, row.precision))
     count = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(model.params))
-    whole = "swing" not in model.params  # batches and streams are the codes' alone: not what this row does
+    # batches and streams are the codes' alone: not what a row with a swing does
+    whole, codes = "swing" not in model.params or not config.rollout.swing, without_swing(model)
     return Runner(
         model.params,
         count,
         _animate(model, row),
-        _rollout_batch(model, row) if whole else None,
-        _stream(model, row) if whole else None,
+        _rollout_batch(codes, row) if whole else None,
+        _stream(codes, row) if whole else None,
         lambda scene, motion, V, name: reconstructed(model, scene, motion, V, name),
     )
 

@@ -85,7 +85,8 @@ def _draw(axes: Any, marks: Sequence[_Mark]) -> None:
 
 def _enlarged(axes: Any, records: Records, marks: Sequence[_Mark], crowd: Sequence[_Mark]) -> Any:
     """Return axes that enlarge a crowd in an empty space, under all marks or beside them, if one is large."""
-    place = _under(axes, records, marks) or _beside(axes, marks)
+    axes.get_xlim(), axes.get_ylim()  # only now are limits those of what is drawn
+    place = _under(axes, records, marks) or _beside(axes, records, marks)
     if place is None:
         return None
     inset = axes.inset_axes(place)
@@ -111,12 +112,20 @@ def _under(axes: Any, records: Records, marks: Sequence[_Mark]) -> tuple[float, 
     return (0.08, bottom + 0.08, 0.88, best - bottom - 0.16) if best - bottom >= 0.35 else None
 
 
-def _beside(axes: Any, marks: Sequence[_Mark]) -> tuple[float, float, float, float] | None:
-    """Return the space above all rows of the slower half, in parts of the axes."""
-    places = axes.transAxes.inverted().transform(axes.transData.transform([(m.x, m.y) for m in marks]))
-    left = 0.5
-    bottom = max((y for x, y in places if x > left - 0.05), default=0.0) + 0.08
-    return (left, bottom, 0.97 - left, 0.97 - bottom) if bottom <= 0.62 else None
+def _beside(axes: Any, records: Records, marks: Sequence[_Mark]) -> tuple[float, float, float, float] | None:
+    """Return the space above the slower half's rows, short of the simulator, in parts of the axes."""
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return tuple(axes.transAxes.inverted().transform(axes.transData.transform((x, y))))
+
+    left, right = 0.5, 0.97
+    lowest = [place(1.0, f["rmse_cm"])[1] for f in records.floor or ()]
+    lowest += [y for x, y in (place(m.x, m.y) for m in marks) if x > left - 0.05]
+    bottom = max(lowest, default=0.0) + 0.08
+    if records.simulator:
+        x = place(records.simulator["ms_per_frame"], 1.0)[0]
+        right = x - 0.02 if left < x < 1.0 else right
+    return (left, bottom, right - left, 0.97 - bottom) if bottom <= 0.62 and right - left >= 0.3 else None
 
 
 def _number(figure: Any, axes: Any, marks: Sequence[_Mark]) -> None:

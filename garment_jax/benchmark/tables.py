@@ -11,10 +11,12 @@ from garment_jax.benchmark.records import (
     Spread,
     common,
     first_error,
+    is_ours,
     run_names,
     spread,
     training_seconds,
 )
+from garment_jax.benchmark.settings import OURS
 
 OPEN = "open"
 PREVIOUS, WITHOUT = "ours", "no_previous_state"
@@ -82,10 +84,11 @@ def cost_table(records: Records) -> Table:
     rows = []
     for r in (r for r in records.rows if not _rebuilds(r)):
         t = r.time or {}
-        cells = [
-            number(t.get(k), ".2f") for k in ("ms_per_frame", "ms_per_frame_p95", "step_ms", "step_ms_p95")
-        ]
-        cells += [number(t.get("batch_frames_per_s"), ".0f"), number(t.get("start_up_s"), ".1f")]
+        cells = [number(t.get(k), ".2f") for k in ("ms_per_frame", "ms_per_frame_p95")]
+        alone = [number(t.get(k), ".2f") for k in ("step_ms", "step_ms_p95")]
+        alone += [number(t.get("batch_frames_per_s"), ".0f")]
+        cells += ["–" if t and text == OPEN else text for text in alone]  # not what this row does
+        cells += [number(t.get("start_up_s"), ".1f")]
         cells += [number(t.get("compile_s"), ".1f"), number(t.get("peak_mb"), ".0f")]
         cells += [number(t.get("parameters"), ",.0f"), number(t.get("bytes"), ".1f", scale=1e-6)]
         cpu = r.trained[0].get("cpu_seconds") if r.trained else None
@@ -183,12 +186,13 @@ def vto_table(command: str) -> Table:
 
 
 def ratio_table(records: Records, reference: str) -> Table:
-    """The reference divided by every other rollout row."""
-    ours = records.named(reference)
+    """The reference divided by every other rollout row; by those of ours, that which they are taken from."""
+    ours, plain = records.named(reference), records.named(OURS) or records.named(reference)
     rows = []
     for r in (r for r in records.rows if r.row.name != reference and not _rebuilds(r)):
-        rows.append([_title(r), *_ratios(ours, records.named(r.row.name))])
-    note = "Over the seeds that both rows have, as all ratios here."
+        top = plain if is_ours(r) and r.row.name != OURS else ours
+        rows.append([_title(r), *_ratios(top, records.named(r.row.name))])
+    note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' divided."
     return Table("Ours ÷ other", ["other", "RMSE", "Hausdorff", "STED"], rows, note)
 
 

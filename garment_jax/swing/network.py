@@ -19,7 +19,9 @@ from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
-REACH = 1.0  # of a cell's scale (some 10 cm at a skirt's hem): as far as a correction goes at most
+REACH = (
+    1.0  # of a cell's scale (8 cm at the shared skirt's hem): a correction comes near it, and goes no farther
+)
 
 
 class SwingCarry(NamedTuple):
@@ -145,18 +147,20 @@ def corrected(
 ) -> Float[Array, "*b n 3"]:
     """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay.
 
-    No cell is taken to be farther off than `REACH` times its scale: where ring and codes are far apart
-    neither knows, and all of the way would stretch the cloth between two columns. What is then away from
-    where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less than
-    any of it.
+    A cell d off counts as r tanh(d / r) off, r being `REACH` times its scale: where ring and codes are far
+    apart neither knows, and all of the way would stretch the cloth between two columns. What is then away
+    from where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less
+    than any of it.
     """
     cells = cells_of(V, anchor, tables=tables)
     away = X - cells
     filled, reach = (
         jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], REACH * tables.scale)
     )
-    far = jnp.linalg.norm(away, axis=-1, keepdims=True)
-    away = away * jnp.where(far > 1e-9, reach * jnp.tanh(far / reach) / jnp.maximum(far, 1e-9), 1.0)
+    square = jnp.square(away).sum(axis=-1, keepdims=True)
+    apart = square > 1e-16
+    far = jnp.sqrt(jnp.where(apart, square, 1.0))  # no infinite gradient where nothing is to be done
+    away = away * jnp.where(apart, reach * jnp.tanh(far / reach) / far, 1.0)
     away = weight * away
     if gain != 1.0:
         away += (gain - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))

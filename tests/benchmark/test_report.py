@@ -10,7 +10,7 @@ import pytest
 
 from garment_jax.benchmark import pictures
 from garment_jax.benchmark.plan import ROLL, Plan
-from garment_jax.benchmark.plots import _enlarged, _figure, _front_line, _Mark, _top, all_plots
+from garment_jax.benchmark.plots import _draw, _enlarged, _figure, _front_line, _Mark, _top, all_plots
 from garment_jax.benchmark.records import gather
 from garment_jax.benchmark.report import write_report
 from garment_jax.benchmark.runner import next_job
@@ -119,6 +119,19 @@ def test_and_beside_all_rows_where_the_best_one_leaves_no_room_below(finished: P
     assert 0.1 < left < right < 10.0
     assert all(inset.get_ylim()[0] < m.y < inset.get_ylim()[1] for m in crowd)
     assert best.y < inset.get_ylim()[0]
+
+
+def test_nor_is_it_laid_over_marks_whose_axes_are_not_yet_scaled(finished: Plan) -> None:
+    records = gather(finished)._replace(floor=None, simulator=None)
+    marks = [_Mark(k, 1.0 + k, 4.4 + 0.02 * k, None, "r", "o") for k in range(6)]
+    marks += [_Mark(6, 0.1, 6.0, None, "r", "o"), _Mark(7, 90.0, 4.1, None, "r", "o")]
+    _, axes = _figure()
+    axes.set(xscale="log")
+    _draw(axes, marks)
+    inset = _enlarged(axes, records, marks, marks[:6])
+    assert inset is not None
+    low = axes.transData.inverted().transform(inset.get_window_extent().get_points())[0]
+    assert all(m.x < low[0] or m.y < low[1] for m in marks)
 
 
 def test_markdown_json_and_csv_say_the_same(finished: Plan) -> None:

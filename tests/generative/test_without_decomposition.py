@@ -68,10 +68,10 @@ def test_hashes_from_before_the_key_hold() -> None:
     older = to_dict(Config())
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["swing"], older["training"]["begin_from"]
-    del older["rollout"]["lengths"], older["rollout"]["swing"]
+    del older["rollout"]["lengths"], older["rollout"]["swing"], older["rollout"]["gain"]
 
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(Config()) == hashlib.sha256(text).hexdigest()[:16]
     changes = ("--generative.decomposition=false", "--baselines.bones=7", "--swing.steps=7")
-    for change in (*changes, "--training.begin_from=models/skirt"):
+    for change in (*changes, "--rollout.gain=1.06", "--training.begin_from=models/skirt"):
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())

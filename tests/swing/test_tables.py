@@ -1,5 +1,6 @@
 """The ring's static tables against slow loops."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -156,3 +157,16 @@ def test_a_gain_draws_out_what_is_away_from_the_template_and_nothing_else():
     for gain in (1.3, 0.7):
         wanted = gain * drawn(tables().rest + bend, 1.0)
         np.testing.assert_allclose(drawn(tables().rest + bend, gain), wanted, atol=5e-6)
+
+
+def test_its_gradient_is_finite_where_nothing_is_to_be_corrected():
+    cells = cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables())
+
+    def size(X: jax.Array) -> jax.Array:
+        V = corrected(jnp.asarray(T), X, jnp.asarray(ANCHOR), tables=tables(), weight=0.7, gain=1.06)
+        return jnp.square(V).sum()
+
+    gradient = np.asarray(jax.grad(size)(cells))
+    assert np.isfinite(gradient).all()
+    near = np.asarray(jax.grad(size)(cells + 1e-4))
+    np.testing.assert_allclose(gradient, near, atol=1e-2 * np.abs(near).max())
