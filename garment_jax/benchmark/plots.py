@@ -85,7 +85,7 @@ def _draw(axes: Any, marks: Sequence[_Mark]) -> None:
 
 def _enlarged(axes: Any, records: Records, marks: Sequence[_Mark], crowd: Sequence[_Mark]) -> Any:
     """Return axes that enlarge a crowd in an empty space, under all marks or beside them, if one is large."""
-    axes.get_xlim(), axes.get_ylim()  # only now are limits those of what is drawn
+    axes.autoscale_view()  # only now are limits those of what is drawn
     place = _under(axes, records, marks) or _beside(axes, records, marks)
     if place is None:
         return None
