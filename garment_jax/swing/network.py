@@ -19,9 +19,7 @@ from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
-REACH = (
-    1.0  # of a cell's scale (8 cm at the shared skirt's hem): a correction comes near it, and goes no farther
-)
+REACH = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): no correction goes farther
 
 
 class SwingCarry(NamedTuple):
