@@ -200,7 +200,7 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"rows", "columns", "width", "around", "log_every", "chunk", "components", "bones"}
+    | {"rows", "columns", "width", "around", "log_every", "chunk", "gain", "components", "bones"}
 )
 _PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's

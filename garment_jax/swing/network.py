@@ -19,7 +19,7 @@ from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
-REACH = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): no correction goes farther
+REACH = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): the way to the ring is held to it
 
 
 class SwingCarry(NamedTuple):
