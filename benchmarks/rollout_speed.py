@@ -20,16 +20,16 @@ import jax
 import numpy as np
 from measured import report
 
-from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.body.seeds import Seeds
+from garment_jax.data.motion_input import MotionInput
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template
-from garment_jax.motion.network import MotionCarry
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.clips import rollout_chunks, stack_motions
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.rollout.model import Model, model_input, template_for
 from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import init_state, step
+from garment_jax.rollout.step import RolloutState, init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
 
@@ -61,25 +61,24 @@ def stream(model: Model, scene: Scene, motion: Motion, **options) -> Iterator[in
         yield len(piece.V)
 
 
-def scan(run: Callable, params: dict, state: MotionCarry, x: FrameInput, chunk: int) -> Iterator[int]:
+def scan(run: Callable, params: dict, state: RolloutState, x: FrameInput, chunk: int) -> Iterator[int]:
     for _, V in rollout_chunks(run, params, state, x, chunk=chunk):
         np.asarray(V)  # on the host, as whoever wants to see it needs it
         yield chunk * (V.shape[1] if V.ndim == 4 else 1)
 
 
-def frame_by_frame(one: Callable, params: dict, state: MotionCarry, x: FrameInput) -> Iterator[int]:
+def frame_by_frame(one: Callable, params: dict, state: RolloutState, x: FrameInput) -> Iterator[int]:
     for t in range(len(x.M)):
         state, V = one(params, state, jax.tree.map(itemgetter(t), x))
         np.asarray(V)
         yield 1
 
 
-def start_of(model: Model, template: Template, scene: Scene, inputs: MotionInput, copies: int) -> MotionCarry:
-    """Return the state before the first frame of `copies` motions, `[copies, ...]`."""
-    _, seeds = template_for(model, scene, "the clip")
+def many_of(model: Model, template: Template, seeds: Seeds, x: MotionInput) -> RolloutState:
+    """Return the state before the first frame, `BATCH` times."""
     begin = make_start(template, seeds, model.config.body.tau)
-    V = begin(np.repeat(inputs.R_seed[:1], copies, axis=0), np.repeat(inputs.t_seed[:1], copies, axis=0))
-    return init_state(model.params, V, config=model.config)
+    V = begin(np.repeat(x.R_seed[:1], BATCH, axis=0), np.repeat(x.t_seed[:1], BATCH, axis=0))
+    return init_state(model.params, V, template=template, config=model.config)
 
 
 def main() -> None:
@@ -99,9 +98,9 @@ def main() -> None:
         count = min(options.frames, sequence.frames) // options.chunk * options.chunk
         motion = Motion(sequence.motion.rotations[:count], sequence.motion.root[:count], sequence.fps)
     template, seeds = template_for(model, scene, name)
-    inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints)
-    many = start_of(model, template, scene, inputs, BATCH)
-    single = MotionCarry(*(leaf[0] for leaf in many))
+    inputs = model_input(model, scene, template, seeds, motion)
+    many = many_of(model, template, seeds, inputs)
+    single = jax.tree.map(itemgetter(0), many)
     rows = []
     for detail in [False, True] if "detail" in model.params else [False]:
         kind = "detail" if detail else "no detail"

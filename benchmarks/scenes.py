@@ -18,12 +18,11 @@ import jax
 import numpy as np
 from measured import report
 
-from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_start
 from garment_jax.rollout import rollout_many, template_for
 from garment_jax.rollout.animate import Animator, make_animator
-from garment_jax.rollout.model import Model, facts_of, load_model
+from garment_jax.rollout.model import Model, facts_of, load_model, model_input
 from garment_jax.rollout.plan import make_plan
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
@@ -155,15 +154,14 @@ def single_frame(model: Model, clip: Clip) -> dict:
 def many_motions(model: Model, clip: Clip) -> dict:
     """Many motions: lanes side by side, one program for any number of them."""
     template, seeds = template_for(model, clip.scene, "the clip")
-    joints, chunk = model.config.body.motion_joints, model.config.rollout.chunk
+    chunk = model.config.rollout.chunk
     starts = [(7 * k) % (len(clip.motion.root) - FRAMES) for k in range(MOTIONS)]
     motions = [
-        motion_input(part(clip.motion, s, s + FRAMES), clip.scene, seeds, joints, seed_frames=1)
-        for s in starts
+        model_input(model, clip.scene, template, seeds, part(clip.motion, s, s + FRAMES)) for s in starts
     ]
     begin = make_start(template, seeds, model.config.body.tau)
     V_start = begin(*(np.concatenate(x) for x in zip(*((m.R_seed, m.t_seed) for m in motions), strict=True)))
-    state = init_state(model.params, V_start, config=model.config)
+    state = init_state(model.params, V_start, template=template, config=model.config)
     run = make_rollout(template, model.config, detail=False)
 
     def with_lanes(lanes: int) -> np.ndarray:

@@ -22,8 +22,8 @@ from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import STD_FLOOR, Statistics, Template, make_template
 from garment_jax.detail.network import init_detail
 from garment_jax.generative.network import init_generative
-from garment_jax.motion.network import MotionCarry, init_motion
-from garment_jax.rollout.step import init_state
+from garment_jax.motion.network import init_motion
+from garment_jax.rollout.step import RolloutState, init_state
 from garment_jax.structs import FrameInput, Motion, Scene
 
 GRIDS = {9352: (56, 167), 2800: (40, 70)}  # rows and columns of the sizes that the targets speak of
@@ -40,7 +40,7 @@ class Case(NamedTuple):
     template: Template
     params: dict
     x: FrameInput  # leaves [t, ...]
-    start: MotionCarry
+    start: RolloutState
     V: np.ndarray  # [t, n, 3] metres, root frame: what the collision solver gets
 
 
@@ -98,7 +98,7 @@ def make_case(
     else:
         V = grid.carry(predicted)
     params = random_parameters(template, config)
-    start = init_state(params, skinned, config=config)
+    start = init_state(params, skinned, template=template, config=config)
     return Case(grid.scene, motion, config, template, params, inputs.x, start, V)
 
 
@@ -118,20 +118,19 @@ def predictions(model_folder: Path, clip: Path, frames: int) -> np.ndarray:
     `[t, n, 3]` metres, root frame.
     """
     from garment_jax.rollout.clips import rollout_batch
-    from garment_jax.rollout.model import load_model, skinned_template, template_for
+    from garment_jax.rollout.model import load_model, model_input, skinned_template, template_for
     from garment_jax.rollout.scan import make_rollout
 
     model = load_model(model_folder)
     scene, motion = dressed(clip, frames)
     template, seeds = template_for(model, scene, str(clip))
-    inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
-    state = init_state(
-        model.params, skinned_template(model, template, seeds, inputs)[None], config=model.config
-    )
+    inputs = model_input(model, scene, template, seeds, motion)
+    start = skinned_template(model, template, seeds, inputs)[None]
+    state = init_state(model.params, start, template=template, config=model.config)
     run = make_rollout(template, model.config)
     return rollout_batch(run, model.params, state, [inputs.x], chunk=32)[0]
 
 
-def repeated(state: MotionCarry, copies: int) -> MotionCarry:
+def repeated(state: RolloutState, copies: int) -> RolloutState:
     """Return the state of `copies` motions side by side."""
     return jax.tree.map(lambda leaf: jnp.repeat(leaf[None], copies, axis=0), state)

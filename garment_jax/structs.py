@@ -91,6 +91,7 @@ class FrameInput(NamedTuple):
     shift: Any  # [3] metres
     R: Any = None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), canonical -> root frame
     t: Any = None  # [j, 3] metres
+    swing: Any = None  # what the swing's ring takes of it (swing.motion.SwingFrame); None: codes alone
 
 
 class TrainState(NamedTuple):

@@ -15,13 +15,13 @@ from garment_jax.body.root_frame import from_root, to_root
 from garment_jax.config import Config
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.lanes import repeated_last
-from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.motion_input import motion_input
 from garment_jax.generative.canonical import posed, unposed
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.finish import Chunk
-from garment_jax.rollout.model import Model, save_model, skinned_template, template_for, without_swing
+from garment_jax.rollout.model import Model, model_input, save_model, skinned_template, template_for
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
@@ -49,14 +49,12 @@ def load(row: Row, run: Path, config: Config) -> Runner:
     model = trained_model(run)
     model = model._replace(config=config, params=_rounded(model.params, row.precision))
     count = sum(int(np.size(leaf)) for leaf in jax.tree.leaves(model.params))
-    # batches and streams are the codes' alone: not what a row with a swing does
-    whole, codes = "swing" not in model.params or not config.rollout.swing, without_swing(model)
     return Runner(
         model.params,
         count,
         _animate(model, row),
-        _rollout_batch(codes, row) if whole else None,
-        _stream(codes, row) if whole else None,
+        _rollout_batch(model, row),
+        _stream(model, row),
         lambda scene, motion, V, name: reconstructed(model, scene, motion, V, name),
     )
 
@@ -89,14 +87,12 @@ def _animate(model: Model, row: Row) -> Callable[[Scene, Motion, str], Iterator[
 def _rollout_batch(model: Model, row: Row) -> Callable[[Scene, Sequence[Motion], str], list[np.ndarray]]:
     def run(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
         template, seeds = template_for(model, scene, name)
-        inputs = [
-            motion_input(m, scene, seeds, model.config.body.motion_joints, seed_frames=1) for m in motions
-        ]
+        inputs = [model_input(model, scene, template, seeds, m) for m in motions]
         start = jnp.stack([skinned_template(model, template, seeds, x) for x in inputs])
         return rollout_batch(
             make_rollout(template, model.config, detail=row.detail),
             model.params,
-            init_state(model.params, start, config=model.config),
+            init_state(model.params, start, template=template, config=model.config),
             [x.x for x in inputs],
             chunk=model.config.rollout.chunk,
         )
@@ -109,14 +105,15 @@ def _stream(model: Model, row: Row) -> Callable[[Scene, Motion, str], Stream]:
 
     def begin(scene: Scene, motion: Motion, name: str) -> Stream:
         template, seeds = template_for(model, scene, name)
-        x: MotionInput = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
+        x = model_input(model, scene, template, seeds, motion)
         run = make_rollout(template, model.config, detail=row.detail)
         one = jax.jit(
             lambda params, state, x: step(
                 params, state, x, template=template, config=model.config, detail=row.detail
             )
         )
-        state = init_state(model.params, skinned_template(model, template, seeds, x), config=model.config)
+        start = skinned_template(model, template, seeds, x)
+        state = init_state(model.params, start, template=template, config=model.config)
         return Stream(
             x.x,
             state,
@@ -142,9 +139,8 @@ def reconstructed(model: Model, scene: Scene, motion: Motion, V: np.ndarray, nam
         return posed(decode(params, mean, template=template, config=config).V, x, template=template)
 
     def piece(first: int) -> jax.Array:
-        few = (repeated_last(leaf[first : first + BATCH], BATCH) for leaf in (local, *inputs.x))
-        V, *x = map(jnp.asarray, few)
-        return rebuild(V, FrameInput(*x))
+        few = jax.tree.map(lambda x: repeated_last(x[first : first + BATCH], BATCH), (local, inputs.x))
+        return rebuild(*jax.tree.map(jnp.asarray, few))
 
     pieces = [piece(first) for first in range(0, len(local), BATCH)]
     rebuilt = np.concatenate([np.asarray(piece) for piece in pieces])[: len(local)]

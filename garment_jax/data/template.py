@@ -1,6 +1,6 @@
 """What one garment's networks share: template, atlas, Laplacian and normalisation (static, host)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Template(NamedTuple):
     interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
     W: np.ndarray | None = None  # [n, j] weights that pose it; None: networks see it in the root frame
+    ring: Any = None  # the swing's (swing.tables.SwingTables); None: codes alone
 
 
 STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant

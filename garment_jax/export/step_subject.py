@@ -12,8 +12,8 @@ from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
 from garment_jax.motion.network import MotionCarry
-from garment_jax.rollout.model import Model, skinned_template, template_for
-from garment_jax.rollout.step import init_state, step
+from garment_jax.rollout.model import Model, skinned_template, template_for, without_swing
+from garment_jax.rollout.step import RolloutState, init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
 
@@ -21,7 +21,7 @@ from garment_jax.training.pipeline import trained_model
 class StepSubject(NamedTuple):
     """What is exported."""
 
-    model: Model
+    model: Model  # its codes alone
     scene: Scene
     template: Template
     seeds: Seeds
@@ -35,7 +35,7 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
     Raises `FileNotFoundError`, `OSError` or `ValueError` for a folder that holds no model, or a clip that
     cannot be read or shows another garment.
     """
-    model = trained_model(run_or_model)
+    model = without_swing(trained_model(run_or_model))
     with open_sequence(clip) as sequence:
         scene, motion = sequence.scene, sequence.motion
     template, seeds = template_for(model, scene, str(clip))
@@ -51,13 +51,13 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     def run(h: jax.Array, V_prev: jax.Array, *fields: jax.Array):
         state, V = step(
             subject.model.params,
-            MotionCarry(h, V_prev),
+            RolloutState(MotionCarry(h, V_prev)),
             still._replace(**dict(zip(names, fields, strict=True))),
             template=subject.template,
             config=subject.model.config,
             detail=detail,
         )
-        return V, state.h, state.V_prev
+        return V, *state.codes
 
     return run
 
@@ -76,4 +76,4 @@ def first_state(subject: StepSubject) -> tuple[MotionInput, MotionCarry]:
     joints = model.config.body.motion_joints
     inputs = motion_input(subject.motion, subject.scene, subject.seeds, joints, seed_frames=1)
     start = skinned_template(model, subject.template, subject.seeds, inputs)
-    return inputs, init_state(model.params, start, config=model.config)
+    return inputs, init_state(model.params, start, template=subject.template, config=model.config).codes

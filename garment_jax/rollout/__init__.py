@@ -2,13 +2,21 @@
 
 from garment_jax.rollout.animate import animate, animate_file, make_animator
 from garment_jax.rollout.clips import rollout_batch, rollout_chunks, rollout_many, stack_motions
-from garment_jax.rollout.model import Model, load_model, save_model, skinned_template, template_for
+from garment_jax.rollout.model import (
+    Model,
+    load_model,
+    model_input,
+    save_model,
+    skinned_template,
+    template_for,
+)
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.scan import make_rollout, rollout
-from garment_jax.rollout.step import init_state, motion_step, step
+from garment_jax.rollout.step import RolloutState, init_state, motion_step, step
 
 __all__ = [
     "Model",
+    "RolloutState",
     "ScenePlan",
     "animate",
     "animate_file",
@@ -17,6 +25,7 @@ __all__ = [
     "make_animator",
     "make_plan",
     "make_rollout",
+    "model_input",
     "motion_step",
     "rollout",
     "rollout_batch",

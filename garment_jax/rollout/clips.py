@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
+from typing import Any
 
 import jax
 import numpy as np
 
-from garment_jax.motion.network import MotionCarry
+from garment_jax.rollout.step import RolloutState
 from garment_jax.structs import FrameInput
 
 
@@ -40,23 +41,26 @@ def _check_chunk(chunk: int) -> None:
         raise ValueError(f"chunk = {chunk} must be 1 or more frames; 32 is a good start.")
 
 
-def _check_states(state: MotionCarry, motions: Sequence[FrameInput]) -> None:
+def _check_states(state: RolloutState, motions: Sequence[FrameInput]) -> None:
     states = len(jax.tree.leaves(state)[0])
     if states != len(motions):
         raise ValueError(f"{len(motions)} motions but {states} states; give `state` one row a motion.")
 
 
 def rollout_chunks(
-    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
     params: dict,
-    state: MotionCarry,
+    state: RolloutState,
     x: FrameInput,
     *,
     chunk: int,
+    seen: Callable[[int], Any] | None = None,
 ) -> Iterator[tuple[int, jax.Array]]:
     """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is from `make_rollout`.
 
-    Raises `ValueError` unless `chunk` is 1 or more and divides t (`stack_motions` pads).
+    `seen` gives what the swing's ring takes of the chunk that begins at a frame, where `x` does not hold it
+    (a long motion's would fill the memory). Raises `ValueError` unless `chunk` is 1 or more and divides t
+    (`stack_motions` pads).
     """
     _check_chunk(chunk)
     frames = len(x.M)
@@ -64,14 +68,15 @@ def rollout_chunks(
         raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
     for start in range(0, frames, chunk):
         piece = jax.tree.map(itemgetter(slice(start, start + chunk)), x)
+        piece = piece if seen is None else piece._replace(swing=seen(start))
         state, V = run(params, state, piece)
         yield start, V
 
 
 def rollout_batch(
-    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
     params: dict,
-    state: MotionCarry,
+    state: RolloutState,
     motions: Sequence[FrameInput],
     *,
     chunk: int,
@@ -87,9 +92,9 @@ def rollout_batch(
 
 
 def rollout_many(
-    run: Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]],
+    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
     params: dict,
-    state: MotionCarry,
+    state: RolloutState,
     motions: Sequence[FrameInput],
     *,
     chunk: int,
@@ -109,6 +114,6 @@ def rollout_many(
     for first in range(0, len(order), lanes):
         group = order[first : first + lanes]
         filled = group + group[-1:] * (lanes - len(group))
-        begun = MotionCarry(*(jax.numpy.asarray(np.asarray(leaf)[filled]) for leaf in state))
+        begun = jax.tree.map(lambda leaf: jax.numpy.asarray(np.asarray(leaf)[filled]), state)  # noqa: B023
         made = rollout_batch(run, params, begun, [motions[i] for i in filled], chunk=chunk)
         yield from zip(group, made, strict=False)

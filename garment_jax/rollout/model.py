@@ -15,11 +15,11 @@ import numpy as np
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config, from_dict, load_config, to_toml
 from garment_jax.data.content_hash import garment_hash
-from garment_jax.data.motion_input import MotionInput
+from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Statistics, Template, scene_template
 from garment_jax.rollout.model_folder import FACTS, check_replaceable, written_together
-from garment_jax.structs import Scene
+from garment_jax.structs import Motion, Scene
 
 
 class Model(NamedTuple):
@@ -69,7 +69,25 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
             f"(hash {garment_hash(scene.garment)}, not {model.garment_hash}); use clips of the same garment."
         )
     template = scene_template(scene, model.statistics, model.config)
+    if "swing" in model.params and model.config.rollout.swing:
+        from garment_jax.swing.tables import make_swing_tables  # a part that is off is not even imported
+
+        template = template._replace(ring=make_swing_tables(scene, config=model.config.swing))
     return template, make_seeds(scene, model.config.body.seeds)
+
+
+def model_input(model: Model, scene: Scene, template: Template, seeds: Seeds, motion: Motion) -> MotionInput:
+    """Return what a rollout of `model` reads of `motion`; `template` and `seeds` are from `template_for`.
+
+    Seeds are posed in frame 0 alone. Raises `ValueError` for a joint that the body lacks.
+    """
+    inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
+    if template.ring is None:
+        return inputs
+    from garment_jax.swing.motion import swing_frames
+
+    frames = swing_frames(motion, scene, template.ring)
+    return inputs._replace(x=inputs.x._replace(swing=frames))
 
 
 def skinned_template(

@@ -1,6 +1,7 @@
 """A motion through the networks, chunk by chunk: the codes (the paper's), corrected by the swing."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -35,34 +36,28 @@ def make_roller(
     A model without a swing (`without_swing`) does not even import it.
     """
     chunk, d = model.config.rollout.chunk, len(model.statistics.motion_mean)
-    codes = {name: part for name, part in model.params.items() if name != "swing"}
-    state = init_state(codes, jnp.zeros((model.vertices, 3)), config=model.config)
-    j = len(scene.body.joints)
-    shapes = FrameInput((d,), (3, 3), (3,), (j, 3, 3), (j, 3))
-    frames = FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))
-    rolled = make_rollout(template, model.config, detail=detail)
-    example = shapes_of((codes, state, frames))
-    roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
-    correct = None
-    if "swing" in model.params and model.config.rollout.swing:
-        from garment_jax.rollout.swing import make_swing_corrector
+    state = init_state(model.params, jnp.zeros((model.vertices, 3)), template=template, config=model.config)
+    frames, look = _still(chunk, d, len(scene.body.joints)), None
+    if template.ring is not None:
+        from garment_jax.rollout.swing import seen_in, unseen
 
-        correct = make_swing_corrector(
-            model.params["swing"],
-            scene,
-            config=model.config.swing,
-            weight=model.config.rollout.swing,
-            gain=model.config.rollout.gain,
-            chunk=chunk,
-            programs=programs,
-            facts=facts,
-        )
+        frames = frames._replace(swing=unseen(template.ring, chunk))
+        look = partial(seen_in, scene, template.ring, chunk)
+    rolled = make_rollout(template, model.config, detail=detail)
+    example = shapes_of((model.params, state, frames))
+    roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
 
     def run(motion: Motion, inputs: MotionInput, V_start: jax.Array) -> Iterator[tuple[int, jax.Array]]:
         x, _ = stack_motions([inputs.x], chunk)
         single = jax.tree.map(lambda leaf: leaf[:, 0], x)
-        state = init_state(codes, V_start, config=model.config)
-        pieces = rollout_chunks(roll, codes, state, single, chunk=chunk)
-        yield from pieces if correct is None else correct(motion, pieces)
+        state = init_state(model.params, V_start, template=template, config=model.config)
+        seen = look and partial(look, motion)
+        yield from rollout_chunks(roll, model.params, state, single, chunk=chunk, seen=seen)
 
     return run
+
+
+def _still(chunk: int, d: int, j: int) -> FrameInput:
+    """Return frames of zeros in the shapes of a chunk's, to compile with."""
+    shapes = ((d,), (3, 3), (3,), (j, 3, 3), (j, 3))
+    return FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))

@@ -9,7 +9,7 @@ from garment_jax.config import Config
 from garment_jax.data.template import Template
 from garment_jax.generative.network import decode
 from garment_jax.motion.network import MotionCarry, code_of, gru_step, motion_gates
-from garment_jax.rollout.step import finish, motion_step
+from garment_jax.rollout.step import RolloutState, finish, motion_step
 from garment_jax.structs import FrameInput
 
 BLOCK = 16  # frames decoded side by side where none needs the one before it
@@ -17,31 +17,38 @@ BLOCK = 16  # frames decoded side by side where none needs the one before it
 
 def rollout(
     params: dict,
-    state: MotionCarry,
+    state: RolloutState,
     x: FrameInput,
     *,
     template: Template,
     config: Config,
     detail: bool = True,
-) -> tuple[MotionCarry, Float[Array, "t *b n 3"]]:
+) -> tuple[RolloutState, Float[Array, "t *b n 3"]]:
     """Return the state after `t` frames and every frame's garment, metres, root frames.
 
     Leaves of `x` are `[t, *b, ...]`. What does not depend on the carry runs for all frames at once: the
-    motion's gates before the scan and, since it is not fed back, detail after it.
+    motion's gates before the scan and, since it is not fed back, detail after it. A swing that `state` has
+    is rolled out beside the codes, which never see it, and corrects their frames. Raises as `step`.
     """
-    state, Z, V = latent_rollout(params, state, x, template=template, config=config)
+    codes, Z, V = latent_rollout(params, state.codes, x, template=template, config=config)
 
     def finished(frame: tuple[jax.Array, jax.Array, FrameInput]) -> jax.Array:
         return finish(params, *frame, template=template, config=config, detail=detail)
 
     # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
-    return state, jax.lax.map(finished, (V, Z, x))
+    V = jax.lax.map(finished, (V, Z, x))
+    if state.swing is None:
+        return RolloutState(codes), V
+    from garment_jax.rollout.swing import swing_frames_of
+
+    swing, V = swing_frames_of(params, state.swing, x, V, template=template, config=config)
+    return RolloutState(codes, swing), V
 
 
 def latent_rollout(
     params: dict, state: MotionCarry, x: FrameInput, *, template: Template, config: Config
 ) -> tuple[MotionCarry, Float[Array, "t *b latent"], Float[Array, "t *b n 3"]]:
-    """Return the state after the frames, their codes and, in the networks' frame, garments before detail."""
+    """Return the codes' state after the frames, the codes and garments before detail, networks' frame."""
     gates = motion_gates(params["motion"], x.M, template=template)
     if not config.motion.previous_state:
         return _memoryless_rollout(params, state, gates, template=template, config=config)
@@ -86,10 +93,10 @@ def in_blocks(f: Callable[[jax.Array], jax.Array], x: jax.Array, size: int) -> j
 
 def make_rollout(
     template: Template, config: Config, *, detail: bool = True
-) -> Callable[[dict, MotionCarry, FrameInput], tuple[MotionCarry, jax.Array]]:
+) -> Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]]:
     """Return `rollout` jitted for one garment; clips go through it in chunks of one length."""
 
-    def run(params: dict, state: MotionCarry, x: FrameInput):
+    def run(params: dict, state: RolloutState, x: FrameInput):
         return rollout(params, state, x, template=template, config=config, detail=detail)
 
     return jax.jit(run)

@@ -1,5 +1,7 @@
 """One frame in, one frame out (paper 3.3 and 3.4): the causal pair `init_state` and `step`."""
 
+from typing import Any, NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -12,15 +14,29 @@ from garment_jax.motion.network import MotionCarry, held_back, last_frame, motio
 from garment_jax.structs import FrameInput
 
 
-def init_state(params: dict, V_start: Float[Array, "*b n 3"], *, config: Config) -> MotionCarry:
+class RolloutState(NamedTuple):
+    """What a rollout carries from frame to frame."""
+
+    codes: MotionCarry
+    swing: Any = None  # of the swing's ring (swing.network.SwingCarry); None: codes alone
+
+
+def init_state(
+    params: dict, V_start: Float[Array, "*b n 3"], *, template: Template, config: Config
+) -> RolloutState:
     """Return the state before the first frame, from the garment that hangs there.
 
     `V_start` (metres, root frame of the first frame) is the skinned template (`skinned_template`) or a
     frame that the user gives, which a model in canonical pose wants unposed (`generative.canonical`).
-    `params` is not read; it keeps the pair's signatures alike.
+    The swing, where `params` and `template` (`template_for`) have one, begins from the template at rest.
     """
-    del params
-    return MotionCarry(jnp.zeros((*V_start.shape[:-2], config.motion.gru), V_start.dtype), V_start)
+    lanes = V_start.shape[:-2]
+    codes = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
+    if template.ring is None or "swing" not in params:
+        return RolloutState(codes)
+    from garment_jax.swing.network import at_rest  # a part that is off is not even imported
+
+    return RolloutState(codes, at_rest(template.ring, lanes, config=config.swing))
 
 
 def motion_step(
@@ -32,7 +48,7 @@ def motion_step(
     template: Template,
     config: Config,
 ) -> tuple[MotionCarry, Float[Array, "*b latent"]]:
-    """Return the next state and its latent code; `gates` are `motion_gates` of `x.M`.
+    """Return the codes' next state and latent code; `gates` are `motion_gates` of `x.M`.
 
     The state holds the frame before detail and before collision: what is fed back in training.
     """
@@ -51,21 +67,28 @@ def motion_step(
 
 def step(
     params: dict,
-    state: MotionCarry,
+    state: RolloutState,
     x: FrameInput,
     *,
     template: Template,
     config: Config,
     detail: bool = True,
-) -> tuple[MotionCarry, Float[Array, "*b n 3"]]:
+) -> tuple[RolloutState, Float[Array, "*b n 3"]]:
     """Return the next state and the garment of this frame, metres, root frame; nothing from the future.
 
-    `params` holds "generative", "motion" and, unless `detail` is off, "detail". Leading axes `*b` of
-    `state` and `x` are motions side by side.
+    `params` holds "generative", "motion" and, unless `detail` is off, "detail"; where `state` has a swing,
+    "swing" too, and `x` is from `model_input` (`ValueError` if not). Leading axes `*b` of `state` and `x`
+    are motions side by side.
     """
     gates = motion_gates(params["motion"], x.M, template=template)
-    state, Z = motion_step(params, state, x, gates, template=template, config=config)
-    return state, finish(params, state.V_prev, Z, x, template=template, config=config, detail=detail)
+    codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
+    V = finish(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
+    if state.swing is None:
+        return RolloutState(codes), V
+    from garment_jax.rollout.swing import swing_frame
+
+    swing, V = swing_frame(params, state.swing, x, V, template=template, config=config)
+    return RolloutState(codes, swing), V
 
 
 def finish(

@@ -1,65 +1,79 @@
-"""The swing in a rollout: the ring rolled out beside the codes, whose cloth it corrects chunk by chunk."""
+"""The swing in a rollout: the ring rolled out beside the codes, whose cloth it corrects."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from operator import itemgetter
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Float
 
-from garment_jax.config import SwingConfig
+from garment_jax.config import Config, SwingConfig
 from garment_jax.data.lanes import repeated_last
-from garment_jax.programs import ProgramStore, shapes_of
-from garment_jax.structs import Motion, Scene
+from garment_jax.data.template import Template
+from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.swing.motion import FEATURES, SwingFrame, swing_frames
-from garment_jax.swing.network import SwingCarry, at_rest, corrected, roll_swing
-from garment_jax.swing.tables import SwingTables, make_swing_tables
-
-# (motion, the codes' pieces) -> the same corrected: (first frame, V [chunk, n, 3] metres, root frames)
-Corrector = Callable[[Motion, Iterator[tuple[int, jax.Array]]], Iterator[tuple[int, jax.Array]]]
+from garment_jax.swing.network import SwingCarry, corrected, roll_swing, seen_gates, swing_step
+from garment_jax.swing.tables import SwingTables
 
 
-def make_swing_corrector(
+def swing_frame(
     params: dict,
-    scene: Scene,
+    carry: SwingCarry,
+    x: FrameInput,
+    V: Float[Array, "*b n 3"],
     *,
-    config: SwingConfig,
-    weight: float,
-    gain: float,
-    chunk: int,
-    programs: ProgramStore,
-    facts: dict[str, Any],
-) -> Corrector:
-    """Return the function that corrects rollouts by `weight` of the way to the ring's; compiles at once.
+    template: Template,
+    config: Config,
+) -> tuple[SwingCarry, Float[Array, "*b n 3"]]:
+    """Return the ring's next state and the codes' frame `V` (metres, root frame) as it corrects it.
 
-    Drawn out by `gain` after that. Nothing of the codes goes into the ring, so their errors do not add up.
-    `params` are the swing's.
+    Nothing of the codes goes into the ring, so their errors do not add up. Raises `ValueError` for a frame
+    that holds nothing for it.
     """
-    tables = make_swing_tables(scene, config=config)
+    frame = _seen(x)
+    gates = seen_gates(params["swing"], frame.seen, config=config.swing)
+    carry = swing_step(params["swing"], carry, frame, gates, tables=template.ring, config=config.swing)
+    return carry, _drawn(V, carry.X, frame, template, config)
 
-    def run(
-        params: dict, carry: SwingCarry, frames: SwingFrame, V: jax.Array
-    ) -> tuple[SwingCarry, jax.Array]:
-        carry, X = roll_swing(params, carry, frames, tables=tables, config=config)
-        return carry, corrected(V, X, frames.anchor, tables=tables, weight=weight, gain=gain)
 
-    a = config.columns
-    shapes = SwingFrame((a, FEATURES), (a, 3), (), (a, 3))
-    frames = SwingFrame(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))
-    V = np.zeros((chunk, len(scene.garment.template), 3), np.float32)
-    example = shapes_of((params, at_rest(tables, (), config=config), frames, V))
-    program = programs.program("swing", jax.jit(run), example, facts)
+def swing_frames_of(
+    params: dict,
+    carry: SwingCarry,
+    x: FrameInput,
+    V: Float[Array, "t *b n 3"],
+    *,
+    template: Template,
+    config: Config,
+) -> tuple[SwingCarry, Float[Array, "t *b n 3"]]:
+    """Return `swing_frame` of all frames: the ring's state after them, and the corrected frames."""
+    frames = _seen(x)
+    carry, X = roll_swing(params["swing"], carry, frames, tables=template.ring, config=config.swing)
+    return carry, _drawn(V, X, frames, template, config)
 
-    def correct(motion: Motion, pieces: Iterator[tuple[int, jax.Array]]) -> Iterator[tuple[int, jax.Array]]:
-        carry, t = at_rest(tables, (), config=config), len(motion.root)
-        for start, V in pieces:
-            seen = swing_frames(motion, scene, tables, slice(start, min(start + len(V), t)))
-            seen = SwingFrame(*(repeated_last(leaf, len(V)) for leaf in seen))
-            carry, V = program(params, carry, seen, V)
-            yield start, V
 
-    return correct
+def _drawn(V: jax.Array, X: jax.Array, frame: SwingFrame, template: Template, config: Config) -> jax.Array:
+    weight, gain = config.rollout.swing, config.rollout.gain
+    return corrected(V, X, frame.anchor, tables=template.ring, weight=weight, gain=gain)
+
+
+def _seen(x: FrameInput) -> SwingFrame:
+    if x.swing is None:
+        raise ValueError("the model has a swing and its input nothing for it; take the input of model_input.")
+    return x.swing
+
+
+def seen_in(scene: Scene, ring: SwingTables, chunk: int, motion: Motion, start: int) -> SwingFrame:
+    """Return what the ring takes of a chunk of `motion` from `start` on, its last frame repeated (host)."""
+    frames = swing_frames(motion, scene, ring, slice(start, min(start + chunk, len(motion.root))))
+    return SwingFrame(*(repeated_last(leaf, chunk) for leaf in frames))
+
+
+def unseen(ring: SwingTables, chunk: int) -> SwingFrame:
+    """Return zeros in its shapes and types, to compile with."""
+    a = len(ring.frames)
+    shapes = (a, FEATURES), (a, 3), (), (a, 3)
+    return SwingFrame(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))
 
 
 def make_swing_rollout(tables: SwingTables, config: SwingConfig) -> Callable:

@@ -103,7 +103,7 @@ def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.n
             np.stack([clip.input.R_seed[0] for clip in clips]),
             np.stack([clip.input.t_seed[0] for clip in clips]),
         )
-        state, parts = init_state(params, start, config=run.config), []
+        state, parts = init_state(params, start, template=run.template, config=run.config).codes, []
         for k in range(0, len(x.M), CHUNK):
             state, Z = roll(params, state, jax.tree.map(itemgetter(slice(k, k + CHUNK)), x))
             parts.append(np.asarray(Z))

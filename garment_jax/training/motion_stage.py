@@ -164,7 +164,7 @@ def _validation(run: Run, generative: dict) -> Callable[[TrainState], dict[str, 
         V = rollout_batch(
             roll,
             params,
-            init_state(params, start, config=run.config),
+            init_state(params, start, template=run.template, config=run.config),
             [clip.input.x for clip in clips],
             chunk=100,
         )

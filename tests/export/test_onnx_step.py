@@ -88,7 +88,7 @@ def test_a_model_in_canonical_pose_takes_joints_in_place_of_turn_and_shift(folde
     made = dict(zip(("M", "R", "t"), frame.run(["M", "R", "t"], skeletons), strict=True))
     still = Motion(motion.rotations[[0, 0]], motion.root[[0, 0]], motion.fps)
     inputs, tables = inputs_of(still), template(model)
-    state = init_state(model.params, jnp.asarray(V_prev), config=model.config)
+    state = init_state(model.params, jnp.asarray(V_prev), template=tables, config=model.config)
     x = jax.tree.map(lambda leaf: leaf[1:], inputs.x)
     expected = make_rollout(tables, model.config)(model.params, state, x)[1]
     V = step.run(["V"], {"h": h, "V_prev": V_prev, **made})[0]

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from garment_jax.data.motion_input import MotionInput
-from garment_jax.motion.network import MotionCarry
 from garment_jax.rollout.clips import rollout_batch, rollout_chunks, rollout_many, stack_motions
 from garment_jax.rollout.scan import BLOCK, in_blocks, make_rollout, rollout
-from garment_jax.rollout.step import init_state, step
+from garment_jax.rollout.step import RolloutState, init_state, step
 from garment_jax.structs import FrameInput
 from tests.reference.scene import make_motion
 from tests.rollout.tiny_model import CONFIG, SCENE, alone, first_state, inputs_of, template, tiny_model
@@ -32,21 +31,22 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def whole(motion: MotionInput, run) -> tuple[MotionCarry, np.ndarray]:
+def whole(motion: MotionInput, run) -> tuple[RolloutState, np.ndarray]:
     """The state after, and the garment of, all frames at once."""
     state, V = run(tiny_model().params, alone(first_state(motion)), motion.x)
     return state, np.asarray(V)
 
 
 def frame_of(x: FrameInput, t: int | slice) -> FrameInput:
-    return FrameInput(*(jnp.asarray(leaf[t]) for leaf in x))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf[t]), x)
 
 
 def test_the_tiny_garment_swings_and_feeds_back(motion: MotionInput, run, whole):
     V = whole[1]
     assert np.ptp(V, axis=0).max() > 0.02  # metres
     state = alone(first_state(motion))
-    other = np.asarray(run(tiny_model().params, state._replace(V_prev=state.V_prev + 0.1), motion.x)[1])
+    pushed = RolloutState(state.codes._replace(V_prev=state.codes.V_prev + 0.1))
+    other = np.asarray(run(tiny_model().params, pushed, motion.x)[1])
     assert np.abs(other - V)[0].max() > 1e-4
 
 
@@ -57,7 +57,7 @@ def test_scan_equals_a_python_loop_of_step(motion: MotionInput, whole):
         state, V = one(tiny_model().params, state, frame_of(motion.x, t))
         frames.append(V)
     np.testing.assert_allclose(np.stack(frames), whole[1], atol=CLOSE, rtol=0)
-    np.testing.assert_allclose(state.h, whole[0].h, atol=1e-4, rtol=0)
+    np.testing.assert_allclose(state.codes.h, whole[0].codes.h, atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("chunk", [20, 50])
@@ -75,10 +75,10 @@ def test_the_same_program_gives_the_same_bits(motion: MotionInput, run, whole):
     # a chunk of the same length from the state in the middle: what a resumed stream computes
     x = frame_of(motion.x, slice(0, 50))
     middle, first = run(params, state, x)
-    again, second = run(params, MotionCarry(*map(np.asarray, middle)), frame_of(motion.x, slice(50, 100)))
+    again, second = run(params, jax.tree.map(np.asarray, middle), frame_of(motion.x, slice(50, 100)))
     joined = list(rollout_chunks(run, params, state, motion.x, chunk=50))
     assert np.array_equal(np.concatenate([first, second]), np.concatenate([V for _, V in joined]))
-    np.testing.assert_allclose(again.V_prev, whole[0].V_prev, atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(again.codes.V_prev, whole[0].codes.V_prev, atol=CLOSE, rtol=0)
 
 
 def test_a_chunk_that_does_not_divide_is_refused(motion: MotionInput, run):
@@ -148,8 +148,10 @@ def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whol
     params, state = tiny_model().params, alone(first_state(motion))
     bare = partial(rollout, template=template(), config=CONFIG, detail=False)
     after, V = jax.jit(bare)(params, state, motion.x)
-    np.testing.assert_allclose(V[-1], after.V_prev, atol=0)
-    np.testing.assert_allclose(after.V_prev, whole[0].V_prev, atol=CLOSE)  # detail is not fed back
+    np.testing.assert_allclose(V[-1], after.codes.V_prev, atol=0)
+    np.testing.assert_allclose(
+        after.codes.V_prev, whole[0].codes.V_prev, atol=CLOSE
+    )  # detail is not fed back
     assert np.abs(np.asarray(V) - whole[1]).max() > 1e-4
     untrained = {name: params[name] for name in ("generative", "motion")}
     full = partial(rollout, template=template(), config=CONFIG)
@@ -158,10 +160,11 @@ def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whol
 
 def test_the_first_state_is_what_the_user_gives():
     V = jnp.ones((3, 4, 3))
-    state = init_state({}, V, config=CONFIG)
-    assert state.h.shape == (3, CONFIG.motion.gru)
-    assert not np.asarray(state.h).any()
-    assert state.V_prev is V
+    codes, swing = init_state({}, V, template=template(), config=CONFIG)
+    assert codes.h.shape == (3, CONFIG.motion.gru)
+    assert not np.asarray(codes.h).any()
+    assert codes.V_prev is V
+    assert swing is None
 
 
 @pytest.mark.parametrize("frames", [1, BLOCK, 2 * BLOCK + 5])
@@ -180,8 +183,8 @@ def test_without_the_previous_state_frames_decoded_at_once_are_those_of_the_loop
         loop.append(V)
     after, V = make_rollout(template(), config)(params, begun, frame_of(motion.x, slice(0, frames)))
     np.testing.assert_allclose(V, np.stack(loop), atol=CLOSE, rtol=0)
-    np.testing.assert_allclose(after.h, state.h, atol=1e-5)
-    np.testing.assert_allclose(after.V_prev, state.V_prev, atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(after.codes.h, state.codes.h, atol=1e-5)
+    np.testing.assert_allclose(after.codes.V_prev, state.codes.V_prev, atol=CLOSE, rtol=0)
 
 
 @pytest.mark.parametrize("rows", [1, 4, 8, 11])

@@ -2,21 +2,30 @@
 
 import sys
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from garment_jax.programs import ProgramStore
 from garment_jax.rollout.animate import make_animator
-from garment_jax.rollout.model import Model, facts_of, without_swing
+from garment_jax.rollout.clips import rollout_batch, rollout_many
+from garment_jax.rollout.model import Model, facts_of, model_input, skinned_template, without_swing
 from garment_jax.rollout.plan import make_plan
-from garment_jax.rollout.swing import make_swing_corrector, make_swing_rollout, roll_clip
+from garment_jax.rollout.rollers import make_roller
+from garment_jax.rollout.scan import make_rollout
+from garment_jax.rollout.step import RolloutState, init_state, step
+from garment_jax.rollout.swing import make_swing_rollout, roll_clip, seen_in, swing_frames_of
 from garment_jax.rollout.variants import VARIANTS, apply_variant, variants_of
+from garment_jax.structs import FrameInput, Motion
 from garment_jax.swing.motion import swing_frames
 from garment_jax.swing.network import at_rest, cells_of
+from tests.reference.scene import make_motion
 from tests.reference.tiny_swing import SWING, motion, params, swinging_model, tables
-from tests.rollout.tiny_model import CONFIG, SCENE, template, tiny_model
+from tests.rollout.tiny_model import CONFIG, SCENE, inputs_of, seeds, template, tiny_model
 
 
 def animated(model: Model, t: int = 20) -> np.ndarray:
@@ -35,21 +44,18 @@ def rolled(chunk: int, t: int = 23) -> np.ndarray:
 
 
 def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
-    """Return the skinned template of every frame as the swing corrects it, root frames."""
-    correct = make_swing_corrector(
-        params(),
-        SCENE,
-        config=SWING,
-        weight=weight,
-        gain=1.0,
-        chunk=chunk,
-        programs=ProgramStore(None),
-        facts={},
-    )
-    pieces = ((k, np.broadcast_to(template().T, (chunk, *template().T.shape))) for k in range(0, t, chunk))
-    made = list(correct(motion(t), pieces))
-    assert [start for start, _ in made] == list(range(0, t, chunk))
-    return np.concatenate([V for _, V in made])[:t]
+    """Return the template as the swing corrects it in every frame, root frames."""
+    model = with_rollout(swing=weight)
+    tables_ = template()._replace(ring=tables())
+    carry, made = at_rest(tables(), (), config=SWING), []
+    correct = jax.jit(partial(swing_frames_of, template=tables_, config=model.config))
+    x = FrameInput(None, None, None)
+    for k in range(0, t, chunk):
+        piece = x._replace(swing=seen_in(SCENE, tables(), chunk, motion(t), k))
+        hanging = np.broadcast_to(template().T, (chunk, *template().T.shape))
+        carry, V = correct(model.params, carry, piece, hanging)
+        made.append(V)
+    return np.concatenate(made)[:t]
 
 
 def test_chunked_is_whole():
@@ -74,6 +80,59 @@ def test_corrected_cloth_hangs_nearer_to_the_ring():
         X = np.asarray(cells_of(jnp.asarray(corrected(weight)), anchor, tables=tables()))
         off.append(np.abs(X - rolled(32, 20)).mean())
     assert off[1] < 0.8 * off[0]  # random parameters: the ring is farther off than a correction reaches
+
+
+MODEL = swinging_model()
+TABLES = template(MODEL)
+
+
+def begun(*motions: Motion) -> tuple[RolloutState, list[FrameInput]]:
+    """Return the state before the first frames of motions side by side, and what the model reads of them."""
+    inputs = [model_input(MODEL, SCENE, TABLES, seeds(), m) for m in motions]
+    V = jnp.stack([skinned_template(MODEL, TABLES, seeds(), i) for i in inputs])
+    return init_state(MODEL.params, V, template=TABLES, config=MODEL.config), [i.x for i in inputs]
+
+
+def test_a_loop_of_step_is_the_scan_and_the_stream():
+    clip = motion(20)
+    state, (x,) = begun(clip)
+    state = jax.tree.map(lambda leaf: leaf[0], state)
+    V = np.asarray(make_rollout(TABLES, MODEL.config)(MODEL.params, state, x)[1])
+    one, frames = jax.jit(partial(step, template=TABLES, config=MODEL.config)), []
+    for t in range(20):
+        state, v = one(MODEL.params, state, jax.tree.map(itemgetter(t), x))
+        frames.append(v)
+    np.testing.assert_allclose(np.stack(frames), V, atol=1e-5, rtol=0)
+    alone = make_rollout(template(), CONFIG)(tiny_model().params, RolloutState(state.codes), x)[1]
+    assert np.abs(np.asarray(alone) - V).max() > 0.01
+    roll = make_roller(MODEL, SCENE, TABLES, detail=True, programs=ProgramStore(None), facts={})
+    inputs = inputs_of(clip)  # the ring's part of it comes chunk by chunk
+    pieces = list(roll(clip, inputs, skinned_template(MODEL, TABLES, seeds(), inputs)))
+    assert [start for start, _ in pieces] == [0, 16]
+    streamed = np.concatenate([np.asarray(piece) for _, piece in pieces])[:20]
+    np.testing.assert_allclose(streamed, V, atol=1e-5, rtol=0)
+
+
+def test_motions_side_by_side_swing_as_one_by_one():
+    motions = [make_motion(SCENE, t, seed=s) for t, s in ((7, 4), (33, 5), (18, 6))]
+    state, x = begun(*motions)
+    run = make_rollout(TABLES, MODEL.config)
+    together = rollout_batch(run, MODEL.params, state, x, chunk=16)
+    many = dict(rollout_many(run, MODEL.params, state, x, chunk=16, lanes=2))
+    for k, motion_ in enumerate(motions):
+        single, (seen,) = begun(motion_)
+        V = run(MODEL.params, jax.tree.map(lambda leaf: leaf[0], single), seen)[1]
+        np.testing.assert_allclose(together[k], V, atol=1e-5, rtol=0)
+        np.testing.assert_allclose(many[k], V, atol=1e-5, rtol=0)
+
+
+def test_a_frame_without_anything_for_the_ring_is_refused():
+    state, _ = begun(motion(3))
+    one = jax.tree.map(lambda leaf: leaf[0], state)
+    with pytest.raises(ValueError, match="nothing for it; take the input of model_input"):
+        jax.jit(partial(step, template=TABLES, config=MODEL.config))(
+            MODEL.params, one, inputs_of(motion(3)).frame(0)
+        )
 
 
 def test_the_animator_corrects_unless_the_swing_is_taken_away():

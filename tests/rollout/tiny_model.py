@@ -25,9 +25,9 @@ from garment_jax.data.start import make_skinned_template
 from garment_jax.data.template import STD_FLOOR, Statistics, Template
 from garment_jax.detail.network import init_detail
 from garment_jax.generative.network import init_generative
-from garment_jax.motion.network import MotionCarry, init_motion
+from garment_jax.motion.network import init_motion
 from garment_jax.rollout.model import Model, template_for
-from garment_jax.rollout.step import init_state
+from garment_jax.rollout.step import RolloutState, init_state
 from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene
 
@@ -124,13 +124,13 @@ def template(model: Model | None = None) -> Template:
     return template_for(model or tiny_model(), SCENE, "the tiny clip")[0]
 
 
-def first_state(*inputs: MotionInput) -> MotionCarry:
+def first_state(*inputs: MotionInput) -> RolloutState:
     """Return the state before the first frames of motions side by side, from the skinned template."""
     pose = make_skinned_template(template().T, seeds(), CONFIG.body.tau)
     V = pose(np.stack([i.R_seed[0] for i in inputs]), np.stack([i.t_seed[0] for i in inputs]))
-    return init_state(tiny_model().params, V, config=CONFIG)
+    return init_state(tiny_model().params, V, template=template(), config=CONFIG)
 
 
-def alone(state: MotionCarry, motion: int = 0) -> MotionCarry:
+def alone(state: RolloutState, motion: int = 0) -> RolloutState:
     """Return one motion's state out of those side by side."""
-    return MotionCarry(*(jnp.asarray(leaf[motion]) for leaf in state))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf[motion]), state)

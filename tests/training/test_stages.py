@@ -78,7 +78,7 @@ def test_detail_can_learn_from_free_rollouts(run: Run):
     codes = detail_stage._codes(run, params["generative"], params["motion"])
     assert [z.shape for z in codes] == [(9, 8), (9, 8)]
     x = run.data.train[0].input
-    state = alone(first_state(x))
+    state = alone(first_state(x)).codes
     rolled = jax.jit(lambda p, s, x: latent_rollout(p, s, x, template=run.template, config=CONFIG))
     np.testing.assert_allclose(codes[0], rolled(params, state, x.x)[1], atol=1e-4)
     again = detail_stage._codes(run, {}, {})
@@ -106,7 +106,7 @@ def test_in_canonical_pose_validation_is_in_the_root_frame(canonical: Run):
     assert roll is not None
     assert rebuild is not None
     found = roll(TrainState(params["motion"], (), none, none))["short_rmse_cm"]
-    start = init_state(params, jnp.asarray(tables.T), config=model.config)
+    start = init_state(params, jnp.asarray(tables.T), template=tables, config=model.config)
     V = make_rollout(tables, canonical.config)(params, start, clip.input.x)[1]
     assert found == pytest.approx(100 * np.sqrt(np.square(V - clip.V).sum(axis=-1).mean()), rel=1e-4)
 
