@@ -47,9 +47,9 @@ def frame_input(
     `structs.Motion`. The layout of M is that of `body/motion_features`.
     """
     body, chosen = scene.body, joint_indices(scene.body, joints)
-    yaw, yaw_prev = _heading(rotations[0]), _heading(rotations_prev[0])
-    Y = _yaw_matrix(*yaw)
-    every, every_prev = _joints_from_root(rotations, body), _joints_from_root(rotations_prev, body)
+    yaw, yaw_prev = heading(rotations[0]), heading(rotations_prev[0])
+    Y = yaw_matrix(*yaw)
+    every, every_prev = joints_from_root(rotations, body), joints_from_root(rotations_prev, body)
     here = jnp.take(every, chosen, axis=0, mode="clip")
     moved, walked = here - jnp.take(every_prev, chosen, axis=0, mode="clip"), root - root_prev
     parents = np.maximum(body.parents[chosen], 0)
@@ -61,7 +61,7 @@ def frame_input(
         (Y.T @ rotations[0])[:, :2],
         relative[:, :, :2],
         fps * (walked @ Y),
-        fps * _angle(*turned)[None],
+        fps * angle(*turned)[None],
         fps * ((moved + walked[None]) @ Y),
         here @ Y,
     ]
@@ -69,9 +69,9 @@ def frame_input(
     facing = (Y[None, :, :, None] * rotations[:, :, None, :]).sum(axis=1)  # Y^T R_j
     R_root = _turned_less(facing, np.radians(FREE_ANGLE))
     rest = (body.joints - body.joints[0]).astype(np.float32)
-    t_root = _joints_from_root(R_root, body) - (R_root * rest[:, None, :]).sum(axis=-1)
+    t_root = joints_from_root(R_root, body) - (R_root * rest[:, None, :]).sum(axis=-1)
     pins = _pins(scene, rotations, every) @ Y
-    return Frame(M, _yaw_matrix(*turned), -walked @ Y, R_root, t_root, Y.T, pins)
+    return Frame(M, yaw_matrix(*turned), -walked @ Y, R_root, t_root, Y.T, pins)
 
 
 def first_frame(
@@ -82,16 +82,16 @@ def first_frame(
     rotations: Float[Array, "j 3 3"],
 ) -> Float[Array, "n 3"]:
     """Return the template `T` carried by its seeds (weights `W`), metres, root frame of this skeleton."""
-    joints, origin = _joints_from_root(rotations, scene.body), scene.body.joints[0]
+    joints, origin = joints_from_root(rotations, scene.body), scene.body.joints[0]
     A, posed = _posed(seeds.points + origin, seeds.weights, rotations, joints, scene.body)
-    Y = _yaw_matrix(*_heading(rotations[0]))
+    Y = yaw_matrix(*heading(rotations[0]))
     R = _nearest_rotation(A)
     t = posed - (R * seeds.points[:, None, :]).sum(axis=-1)
     blended = (W @ R.reshape(-1, 9)).reshape(-1, 3, 3)
     return ((blended * T[:, None, :]).sum(axis=-1) + W @ t) @ Y
 
 
-def _heading(R: jax.Array) -> tuple[jax.Array, jax.Array]:
+def heading(R: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return cosine and sine of the yaw of a root rotation; 1 and 0 where it hangs upside down."""
     sine, cosine = R[0, 2] - R[2, 0], R[0, 0] + R[2, 2]
     square = sine * sine + cosine * cosine
@@ -100,17 +100,17 @@ def _heading(R: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.where(none, 1.0, cosine / length), jnp.where(none, 0.0, sine / length)
 
 
-def _yaw_matrix(c: jax.Array, s: jax.Array) -> jax.Array:
+def yaw_matrix(c: jax.Array, s: jax.Array) -> jax.Array:
     o, i = jnp.zeros_like(c), jnp.ones_like(c)
     return jnp.stack([c, o, s, o, i, o, -s, o, c]).reshape(3, 3)
 
 
-def _angle(cosine: jax.Array, sine: jax.Array) -> jax.Array:
+def angle(cosine: jax.Array, sine: jax.Array) -> jax.Array:
     """Return the angle in radians, by the half angle; at half a turn, where it has no sign, finite."""
     return 2.0 * jnp.arctan(sine / jnp.maximum(1.0 + cosine, 1e-6))
 
 
-def _joints_from_root(rotations: jax.Array, body: RiggedBody) -> jax.Array:
+def joints_from_root(rotations: jax.Array, body: RiggedBody) -> jax.Array:
     """Return the joints' positions less the root's, `[j, 3]`: each the sum of the bones above it."""
     parents = np.maximum(body.parents, 0)
     above = np.zeros((len(parents), len(parents)), np.float32)

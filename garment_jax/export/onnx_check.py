@@ -9,6 +9,8 @@ import numpy as np
 
 from garment_jax.export.step_subject import StepSubject, first_state, frame_fields, step_function
 from garment_jax.rollout.attachment import make_attachment
+from garment_jax.rollout.scan import make_rollout
+from garment_jax.rollout.step import RolloutState
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
 OUTPUTS = ("V", "h_next", "V_prev_next")
@@ -27,7 +29,7 @@ def compare_rollouts(
 ) -> Comparison:
     """Roll the subject's motion out both ways, frame by frame on the CPU; 0 `threads` are all cores."""
     session = open_graph(step_graph, threads=threads)
-    inputs, (h, V_prev) = first_state(subject)
+    inputs, ((h, V_prev), _) = first_state(subject)
     compiled, fields = jax.jit(step_function(subject, detail)), frame_fields(subject)
     state_jax, state_onnx, rows = [h, V_prev], [np.asarray(h), np.asarray(V_prev)], []
     for t in range(len(inputs.x.M)):
@@ -57,7 +59,9 @@ def check_graphs(
     step_graph: bytes,
     start_graph: bytes,
     frame_graph: bytes,
+    *,
     attach_graph: bytes | None = None,
+    swing_graph: bytes | None = None,
 ) -> dict[str, float]:
     """Return the graphs' largest departures from JAX and the host over the subject's motion.
 
@@ -70,6 +74,8 @@ def check_graphs(
     }
     if attach_graph is not None:
         found["attach"] = _attach_departure(subject, attach_graph)
+    if swing_graph is not None:
+        found["swing"] = _swing_departure(subject, detail, start_graph, swing_graph)
     for name, value in found.items():
         if not value < TOLERANCE:
             raise ValueError(
@@ -82,7 +88,7 @@ def check_graphs(
 def _start_departure(subject: StepSubject, graph: bytes) -> float:
     rotations = subject.motion.rotations[0].astype(np.float32)
     h, V_prev = open_graph(graph).run(["h", "V_prev"], {"rotations": rotations})
-    state = first_state(subject)[1]
+    state = first_state(subject)[1].codes
     return float(max(np.abs(V_prev - state.V_prev).max(), np.abs(h - state.h).max()))
 
 
@@ -96,6 +102,25 @@ def _frame_departure(subject: StepSubject, graph: bytes) -> float:
         skeletons = {"rotations": R[t], "root": root[t], "rotations_prev": R[t - 1], "root_prev": root[t - 1]}
         made = session.run(list(names), skeletons)
         worst = max(worst, *(float(np.abs(a - b[t]).max()) for a, b in zip(made, expected, strict=True)))
+    return worst
+
+
+def _swing_departure(subject: StepSubject, detail: bool, start_graph: bytes, graph: bytes) -> float:
+    """The codes' frames corrected by the graph, from the skeleton alone, and by the package."""
+    model, template = subject.model, subject.template
+    inputs, state = first_state(subject)
+    run = make_rollout(template, model.config, detail=detail)
+    codes, expected = (
+        np.asarray(run(model.params, s, inputs.x)[1]) for s in (RolloutState(state.codes), state)
+    )
+    R, root = (np.asarray(leaf, np.float32) for leaf in subject.motion[:2])
+    swing = open_graph(start_graph).run(["swing"], {"rotations": R[0]})[0]
+    session, worst = open_graph(graph), 0.0
+    for t in range(len(R)):
+        before = max(t - 1, 0)
+        given = {"rotations": R[t], "root": root[t], "rotations_prev": R[before], "root_prev": root[before]}
+        V, swing = session.run(["V_swung", "swing_next"], {"V": codes[t], "swing": swing, **given})
+        worst = max(worst, float(np.abs(V - expected[t]).max()))
     return worst
 
 

@@ -88,6 +88,13 @@ def _reduce_sum(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], 
     return b.node("ReduceSum", [x[0], _integers(*params["axes"])], keepdims=0)
 
 
+def _reduce_max(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], params: dict) -> Value:
+    axes = [int(axis) for axis in params["axes"]]  # an attribute until operator set 18, then an input
+    if b.opset < 18:
+        return b.node("ReduceMax", [x[0]], axes=axes, keepdims=0)
+    return b.node("ReduceMax", [x[0], _integers(*axes)], keepdims=0)
+
+
 def _slice(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], params: dict) -> Value:
     steps = params["strides"] or (1,) * len(old[0])
     whole = zip(params["start_indices"], params["limit_indices"], steps, old[0], strict=True)
@@ -136,21 +143,27 @@ def _gather(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], para
 
 
 def _dot(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], params: dict) -> Value:
-    """A tensor product as one matrix product; batch axes are refused."""
-    (left, right), batch = params["dimension_numbers"]
-    if any(map(len, batch)):
-        raise ValueError("the model multiplies batches of matrices, which is not written here; use sums.")
-    free = [[i for i in range(len(s)) if i not in c] for s, c in zip(old, (left, right), strict=True)]
-    orders = [*free[0], *left], [*right, *free[1]]
+    """A tensor product as one matrix product, batch axes first."""
+    contracted, batch = params["dimension_numbers"]
+    free = [
+        [i for i in range(len(s)) if i not in (*c, *k)]
+        for s, c, k in zip(old, contracted, batch, strict=True)
+    ]
+    orders = [*batch[0], *free[0], *contracted[0]], [*batch[1], *contracted[1], *free[1]]
     turned = [_turned(b, y, order) for y, order in zip(x, orders, strict=True)]
     shapes = [tuple(s[i] for i in order) for s, order in zip(old, orders, strict=True)]
-    inner = prod(old[0][i] for i in left)
+    side = [old[0][i] for i in batch[0]]
+    many = (prod(side),) if side else ()
+    inner = prod(old[0][i] for i in contracted[0])
     rows, columns = (prod(s[i] for i in f) for s, f in zip(old, free, strict=True))
     product = b.node(
         "MatMul",
-        [_shaped(b, turned[0], shapes[0], (rows, inner)), _shaped(b, turned[1], shapes[1], (inner, columns))],
+        [
+            _shaped(b, turned[0], shapes[0], (*many, rows, inner)),
+            _shaped(b, turned[1], shapes[1], (*many, inner, columns)),
+        ],
     )
-    return _shaped(b, product, (rows, columns), new[0])
+    return _shaped(b, product, (*many, rows, columns), new[0])
 
 
 def _convolution(b: Builder, x: list[Value], old: list[Shape], new: list[Shape], params: dict) -> Value:
@@ -172,6 +185,7 @@ _DIRECT = {
     "abs": "Abs",
     "add": "Add",
     "add_any": "Add",
+    "and": "And",
     "atan": "Atan",
     "cos": "Cos",
     "div": "Div",
@@ -205,6 +219,7 @@ OPERATORS: dict[str, Callable] = {name: _same(operator) for name, operator in _D
     "expand_dims": _reshape,
     "gather": _gather,
     "integer_pow": _integer_pow,
+    "reduce_max": _reduce_max,
     "reduce_sum": _reduce_sum,
     "reshape": _reshape,
     "rsqrt": _rsqrt,

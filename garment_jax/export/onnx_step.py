@@ -1,8 +1,8 @@
 """A trained model becomes a few ONNX graphs, which engines run frame by frame (see docs/onnx.md).
 
 `NAME.onnx` is the causal step, `NAME.start.onnx` the first state from a skeleton's pose, `NAME.frame.onnx`
-the step's inputs from the skeleton of this frame and of the last, `NAME.attach.onnx` brings a pinned
-garment to its pins.
+the step's inputs from the skeleton of this frame and of the last, `NAME.swing.onnx` corrects the step's
+garment where the model has a swing, `NAME.attach.onnx` brings a pinned garment to its pins.
 """
 
 import json
@@ -18,7 +18,14 @@ from garment_jax.body.motion_features import chosen_joints, feature_names
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
-from garment_jax.export.step_subject import StepSubject, frame_fields, load_subject, step_function
+from garment_jax.export.step_subject import (
+    StepSubject,
+    frame_fields,
+    load_subject,
+    step_function,
+    swing_function,
+)
+from garment_jax.export.swing_functions import begun, flat, length
 from garment_jax.export.written_whole import written_whole
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.skinning import softmax_weights
@@ -38,7 +45,7 @@ def export_step(
     opset: int | None = None,
     check: bool = True,
 ) -> dict[str, Any]:
-    """Write the step of a run or model as ONNX graphs: `out` and, beside it, start, frame and attach graphs.
+    """Write the step of a run or model as ONNX graphs: `out` and, beside it, what goes with it.
 
     `clip` is any sequence file of the garment, needed because a model holds parameters alone: template,
     faces, UVs and body are the clip's. `check` runs the graphs over its first frames and compares them with
@@ -61,10 +68,13 @@ def export_step(
         out.with_suffix(".start.onnx"): _start_graph(subject, opset),
         out.with_suffix(".frame.onnx"): _frame_graph(subject, opset),
     }
+    if subject.template.ring is not None:
+        graphs[out.with_suffix(".swing.onnx")] = _swing_graph(subject, opset)
     if subject.scene.pins is not None:
         graphs[out.with_suffix(".attach.onnx")] = _attach_graph(subject, subject.scene.pins.vertices, opset)
     serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
-    measured = check_graphs(subject, detail, *serial.values()) if check else {}
+    kinds = {f"{kind}_graph": serial.get(out.with_suffix(f".{kind}.onnx")) for kind in ("attach", "swing")}
+    measured = check_graphs(subject, detail, *list(serial.values())[:3], **kinds) if check else {}
     with written_whole(*serial) as temporary:
         for path, content in zip(temporary, serial.values(), strict=True):
             path.write_bytes(content)
@@ -120,13 +130,17 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
     T, config = subject.template.T, subject.model.config
     W = np.asarray(jax.jit(lambda T, x: softmax_weights(T, x, tau=config.body.tau))(T, subject.seeds.points))
 
+    ring = subject.template.ring
+
     def run(rotations: jax.Array):
-        if subject.template.W is not None:  # a template carried by the joints is unposed the template
-            return jnp.zeros(config.motion.gru), jnp.asarray(T)
-        V = first_frame(subject.scene, subject.seeds, T, W, rotations)
-        return jnp.zeros(config.motion.gru), V
+        # a template carried by the joints is unposed the template
+        unposed = subject.template.W is not None
+        V = jnp.asarray(T) if unposed else first_frame(subject.scene, subject.seeds, T, W, rotations)
+        swing = () if ring is None else (flat(begun(subject.scene, ring, config.swing, rotations)),)
+        return jnp.zeros(config.motion.gru), V, *swing
 
     outputs = [("h", "zeros"), ("V_prev", "the template carried by the body, metres, root frame")]
+    outputs += [] if ring is None else [("swing", "state of the swing: the template hangs still")]
     properties = _properties(subject)
     return to_onnx(run, _skeleton(subject)[:1], outputs, name="start", opset=opset, metadata=properties)
 
@@ -146,6 +160,18 @@ def _frame_graph(subject: StepSubject, opset: int) -> Any:
 
     properties = _properties(subject)
     return to_onnx(run, _skeleton(subject), outputs, name="frame", opset=opset, metadata=properties)
+
+
+def _swing_graph(subject: StepSubject, opset: int) -> Any:
+    n, size = len(subject.template.T), length(subject.template.ring, subject.model.config.swing)
+    inputs = [
+        Port("V", (n, 3), "of the step, metres, root frame"),
+        Port("swing", (size,), "state of the swing, of the last frame"),
+        *_skeleton(subject),
+    ]
+    outputs = [("V_swung", "V corrected, metres, root frame"), ("swing_next", "swing of the next frame")]
+    properties = _properties(subject)
+    return to_onnx(swing_function(subject), inputs, outputs, name="swing", opset=opset, metadata=properties)
 
 
 def _attach_graph(subject: StepSubject, pins: np.ndarray, opset: int) -> Any:

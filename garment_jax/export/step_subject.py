@@ -8,11 +8,12 @@ import jax
 import numpy as np
 
 from garment_jax.body.seeds import Seeds
-from garment_jax.data.motion_input import MotionInput, motion_input
+from garment_jax.data.motion_input import MotionInput
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
+from garment_jax.export.swing_functions import flat, swung, unflat
 from garment_jax.motion.network import MotionCarry
-from garment_jax.rollout.model import Model, skinned_template, template_for, without_swing
+from garment_jax.rollout.model import Model, model_input, skinned_template, template_for
 from garment_jax.rollout.step import RolloutState, init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
@@ -21,7 +22,7 @@ from garment_jax.training.pipeline import trained_model
 class StepSubject(NamedTuple):
     """What is exported."""
 
-    model: Model  # its codes alone
+    model: Model
     scene: Scene
     template: Template
     seeds: Seeds
@@ -35,7 +36,7 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
     Raises `FileNotFoundError`, `OSError` or `ValueError` for a folder that holds no model, or a clip that
     cannot be read or shows another garment.
     """
-    model = without_swing(trained_model(run_or_model))
+    model = trained_model(run_or_model)
     with open_sequence(clip) as sequence:
         scene, motion = sequence.scene, sequence.motion
     template, seeds = template_for(model, scene, str(clip))
@@ -44,7 +45,10 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
 
 
 def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
-    """Return (h, V_prev, *fields of the frame) -> (V, h, V_prev of the next step), parameters inside."""
+    """Return (h, V_prev, *fields of the frame) -> (V, h, V_prev of the next step), parameters inside.
+
+    The codes' alone: the swing is a graph of its own (`swing_function`).
+    """
     names = frame_fields(subject)
     still = FrameInput(None, np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
 
@@ -62,6 +66,18 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     return run
 
 
+def swing_function(subject: StepSubject) -> Callable[..., tuple]:
+    """Return (V, swing, rotations, root, both of the last frame) -> (V, swing), parameters inside."""
+    model, ring = subject.model, subject.template.ring
+
+    def run(V: jax.Array, swing: jax.Array, *skeletons: jax.Array):
+        state = unflat(swing, ring, model.config.swing)
+        V, state = swung(model.params["swing"], subject.scene, ring, model.config, V, state, *skeletons)
+        return V, flat(state)
+
+    return run
+
+
 def frame_fields(subject: StepSubject) -> tuple[str, ...]:
     """Return which fields of `FrameInput` the step takes, in its order.
 
@@ -70,10 +86,9 @@ def frame_fields(subject: StepSubject) -> tuple[str, ...]:
     return ("M", "turn", "shift") if subject.template.W is None else ("M", "R", "t")
 
 
-def first_state(subject: StepSubject) -> tuple[MotionInput, MotionCarry]:
+def first_state(subject: StepSubject) -> tuple[MotionInput, RolloutState]:
     """Return the motion's inputs and the state before its first frame, as `rollout.animate` begins."""
-    model = subject.model
-    joints = model.config.body.motion_joints
-    inputs = motion_input(subject.motion, subject.scene, subject.seeds, joints, seed_frames=1)
-    start = skinned_template(model, subject.template, subject.seeds, inputs)
-    return inputs, init_state(model.params, start, template=subject.template, config=model.config).codes
+    model, scene, template, seeds = subject.model, subject.scene, subject.template, subject.seeds
+    inputs = model_input(model, scene, template, seeds, subject.motion)
+    start = skinned_template(model, template, seeds, inputs)
+    return inputs, init_state(model.params, start, template=template, config=model.config)

@@ -17,11 +17,12 @@ from garment_jax.export import onnx_check  # noqa: E402
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_step import export_step  # noqa: E402
 from garment_jax.rollout.attachment import make_attachment  # noqa: E402
-from garment_jax.rollout.model import save_model  # noqa: E402
+from garment_jax.rollout.model import model_input, save_model, skinned_template  # noqa: E402
 from garment_jax.rollout.scan import make_rollout  # noqa: E402
 from garment_jax.rollout.step import init_state  # noqa: E402
 from garment_jax.structs import Motion  # noqa: E402
 from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
+from tests.reference.tiny_swing import swinging_model  # noqa: E402
 from tests.rollout.tiny_model import (  # noqa: E402
     CONFIG,
     JOINTS,
@@ -30,6 +31,7 @@ from tests.rollout.tiny_model import (  # noqa: E402
     canonical_model,
     first_state,
     inputs_of,
+    seeds,
     template,
     tiny_model,
 )
@@ -93,6 +95,35 @@ def test_a_model_in_canonical_pose_takes_joints_in_place_of_turn_and_shift(folde
     expected = make_rollout(tables, model.config)(model.params, state, x)[1]
     V = step.run(["V"], {"h": h, "V_prev": V_prev, **made})[0]
     np.testing.assert_allclose(V, expected[0], atol=1e-4)
+
+
+def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path):
+    model, motion = swinging_model(), make_motion(SCENE, 20)
+    save_model(model, folder / "swings", bits=32)
+    facts = export_step(folder / "swings", folder / "swings.onnx", clip=folder / "clip.h5")
+    assert facts["swing_departure"] < 1e-4
+    assert str(folder / "swings.swing.onnx") in facts["files"]
+    assert not (folder / "tiny.swing.onnx").exists()
+    tables = template(model)
+    inputs = model_input(model, SCENE, tables, seeds(), motion)
+    start = skinned_template(model, tables, seeds(), inputs)
+    state = init_state(model.params, start, template=tables, config=model.config)
+    expected = make_rollout(tables, model.config)(model.params, state, inputs.x)[1]
+    begin, frame, step, swing = (
+        open_graph((folder / f"swings{kind}.onnx").read_bytes())
+        for kind in (".start", ".frame", "", ".swing")
+    )
+    R, root = motion.rotations.astype(np.float32), motion.root.astype(np.float32)
+    h, V_prev, carried = begin.run(["h", "V_prev", "swing"], {"rotations": R[0]})
+    for t in range(20):
+        last = max(t - 1, 0)
+        skeleton = {"rotations": R[t], "root": root[t], "rotations_prev": R[last], "root_prev": root[last]}
+        M, turn, shift = frame.run(["M", "turn", "shift"], skeleton) if t else inputs.x[:3]
+        M, turn, shift = (M, turn, shift) if t else (leaf[0] for leaf in (M, turn, shift))
+        given = {"h": h, "V_prev": V_prev, "M": M, "turn": turn, "shift": shift}
+        V, h, V_prev = step.run(["V", "h_next", "V_prev_next"], given)
+        V, carried = swing.run(["V_swung", "swing_next"], {"V": V, "swing": carried, **skeleton})
+        np.testing.assert_allclose(V, expected[t], atol=1e-4)
 
 
 def test_the_attached_garment_is_the_animations(folder: Path):

@@ -1,0 +1,83 @@
+"""The swing frame by frame from the skeleton alone, against the package's own functions of whole motions."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.body.root_frame import yaw_matrix
+from garment_jax.export.swing_functions import begun, flat, length, swing_input, swung, unflat
+from garment_jax.rollout.model import model_input, skinned_template
+from garment_jax.rollout.scan import make_rollout
+from garment_jax.rollout.step import RolloutState, init_state
+from garment_jax.structs import Motion
+from garment_jax.swing.motion import BEFORE, FEATURES, swing_frames
+from garment_jax.swing.tables import make_swing_tables
+from tests.reference.scene import make_motion
+from tests.reference.tiny_swing import SWING, swinging_model, tables
+from tests.rollout.tiny_model import SCENE, seeds, template
+
+
+def turned(degrees: float, t: int = 14) -> Motion:
+    motion = make_motion(SCENE, t, legs=1.9)
+    Q = yaw_matrix(np.array(np.radians(degrees)))
+    return Motion(Q @ motion.rotations, motion.root @ Q.T + [3.0, 0.0, -2.0], motion.fps)
+
+
+def skeletons(motion: Motion, t: int) -> tuple[np.ndarray, ...]:
+    R, root = motion.rotations.astype(np.float32), motion.root.astype(np.float32)
+    return R[t], root[t], R[max(t - 1, 0)], root[max(t - 1, 0)]
+
+
+@pytest.mark.parametrize("degrees", [0.0, 137.0, 180.0])
+def test_a_frame_is_that_of_the_whole_motion(degrees: float):
+    motion = turned(degrees)
+    expected = swing_frames(motion, SCENE, tables())
+    state = begun(SCENE, tables(), SWING, jnp.asarray(skeletons(motion, 0)[0]))
+    look = jax.jit(partial(swing_input, SCENE, tables()))
+    assert expected.seen.shape[-1] == FEATURES
+    for t in range(14):
+        frame, state = look(state, *skeletons(motion, t))
+        for name, made in frame._asdict().items():
+            np.testing.assert_allclose(made, getattr(expected, name)[t], atol=2e-4, err_msg=f"{name} at {t}")
+    assert np.abs(expected.seen[BEFORE:]).max() > 0.5  # it moves, and the body is seen
+    assert np.abs(expected.turn).max() > 1e-3
+
+
+def test_the_codes_are_corrected_as_in_a_rollout():
+    model, motion = swinging_model(), turned(50.0)
+    tables_ = template(model)
+    inputs = model_input(model, SCENE, tables_, seeds(), motion)
+    start = skinned_template(model, tables_, seeds(), inputs)
+    state = init_state(model.params, start, template=tables_, config=model.config)
+    run = make_rollout(tables_, model.config)
+    codes = run(model.params, RolloutState(state.codes), inputs.x)[1]
+    expected = run(model.params, state, inputs.x)[1]
+    one = jax.jit(partial(swung, model.params["swing"], SCENE, tables(), model.config))
+    state = begun(SCENE, tables(), SWING, jnp.asarray(skeletons(motion, 0)[0]))
+    for t in range(14):
+        V, state = one(codes[t], state, *skeletons(motion, t))
+        np.testing.assert_allclose(V, expected[t], atol=1e-4)
+    assert np.abs(np.asarray(expected - codes)).max() > 0.01
+
+
+def test_a_state_comes_back_from_its_vector():
+    R = jnp.asarray(skeletons(turned(10.0), 3)[0])
+    state = begun(SCENE, tables(), SWING, R)._replace(age=jnp.full(1, 7.0))
+    vector = flat(state)
+    assert vector.shape == (length(tables(), SWING),)
+    for made, leaf in zip(
+        jax.tree.leaves(unflat(vector, tables(), SWING)), jax.tree.leaves(state), strict=True
+    ):
+        np.testing.assert_array_equal(made, leaf)
+
+
+def test_a_scene_without_a_collider_sees_no_body():
+    scene = SCENE._replace(collider=None)
+    ring = make_swing_tables(scene, config=SWING)
+    expected = swing_frames(turned(20.0), scene, ring)
+    state = begun(scene, ring, SWING, jnp.asarray(skeletons(turned(20.0), 0)[0]))
+    frame, _ = jax.jit(partial(swing_input, scene, ring))(state, *skeletons(turned(20.0), 0))
+    np.testing.assert_allclose(frame.seen, expected.seen[0], atol=2e-4)
