@@ -40,7 +40,7 @@ class PreparedClip(NamedTuple):
     name: str
     V: np.ndarray  # [t, n, 3] float32 metres, root frame; memory-mapped; of the clip as recorded
     U: np.ndarray  # [t, n, 3] V in the networks' frame: V itself, or in canonical pose
-    T_tilde: np.ndarray  # [t, n, 3] float32 metres, canonical root frame; by inverse skinning
+    T_tilde: np.ndarray | None  # [t, n, 3] float32 metres, canonical root frame; by inverse skinning
     input: MotionInput  # of the mirrored motion, for a mirror image
     mirrored: bool
     motion: Motion  # of the body; of the mirrored motion, for a mirror image
@@ -71,6 +71,7 @@ def targets_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> np.ndarr
 
 def unposed_targets_of(clip: PreparedClip, which: np.ndarray, data: DataSet) -> np.ndarray:
     """Return T_tilde of the frames `which`, `[k, n, 3]` metres, mirrored if the clip is."""
+    assert clip.T_tilde is not None, "prepare the clips with unposed targets"
     return _mirrored(clip, data, np.asarray(clip.T_tilde[which]))
 
 
@@ -78,11 +79,12 @@ def _mirrored(clip: PreparedClip, data: DataSet, X: np.ndarray) -> np.ndarray:
     return X[:, data.mirror] * FLIP.astype(np.float32) if clip.mirrored else X
 
 
-def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
+def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = True) -> DataSet:
     """Read every training clip of `folder` (see `training_clips`), check it and prepare it.
 
-    Clips named in `config.data.validation` are kept back and never mirrored. Raises `ValueError` for an
-    empty folder, an unknown validation clip or a clip that does not fit the others.
+    Clips named in `config.data.validation` are kept back and never mirrored. Without `unposed`, T_tilde is
+    left out: stage 1 alone reads it, and it takes most of the time. Raises `ValueError` for an empty folder,
+    an unknown validation clip or a clip that does not fit the others.
     """
     paths = training_clips(folder, config.data.validation)
     with open_sequence(paths[0]) as first:
@@ -106,7 +108,7 @@ def prepare(folder: str | Path, config: Config, cache: Path) -> DataSet:
             key = _cache_key(path, digests.of(path), sequence, config)
             digest.update(key.encode())
             made_from = str(sequence.attributes.get("made_from", ""))
-            clip = _prepare_clip(sequence, seeds, W, config, cache / key)
+            clip = _prepare_clip(sequence, seeds, W, config, cache / key, unposed=unposed)
         kept_back = set(config.data.validation) & set(made_from.split(", "))
         if kept_back:
             print(f"prepare: {path.stem} is made of {kept_back.pop()}, which is kept back", file=sys.stderr)
@@ -150,19 +152,20 @@ def _cache_key(path: Path, content: str, sequence: Sequence, config: Config) -> 
 
 
 def _prepare_clip(
-    sequence: Sequence, seeds: Seeds, W: np.ndarray | None, config: Config, cache: Path
+    sequence: Sequence, seeds: Seeds, W: np.ndarray | None, config: Config, cache: Path, *, unposed: bool
 ) -> PreparedClip:
-    """Return the clip, computing its arrays into `cache` unless they are there."""
+    """Return the clip, computing those of its arrays into `cache` that are not there."""
     inputs = motion_input(sequence.motion, sequence.scene, seeds, config.body.motion_joints)
+    parts = ("V", *(("T_tilde",) if unposed else ()), *(() if W is None else ("U",)))
     # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
-    parts = ("V", "T_tilde") if W is None else ("V", "T_tilde", "U")
-    names = [cache.with_name(f"{cache.name}.{part}.npy") for part in parts]
-    if not all(name.exists() for name in names):
+    names = {part: cache.with_name(f"{cache.name}.{part}.npy") for part in parts}
+    missing = {part: name for part, name in names.items() if not name.exists()}
+    if missing:
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
-        _compute_arrays(sequence, inputs, seeds, W, config, names)
-    V, T_tilde, *canonical = (np.load(name, mmap_mode="r") for name in names)
-    U = canonical[0] if canonical else V
+        _compute_arrays(sequence, inputs, seeds, W, config, missing)
+    arrays = {part: np.load(name, mmap_mode="r") for part, name in names.items()}
+    V, T_tilde, U = arrays["V"], arrays.get("T_tilde"), arrays.get("U", arrays["V"])
     return PreparedClip(sequence.name, V, U, T_tilde, inputs, False, sequence.motion)
 
 
@@ -172,35 +175,37 @@ def _compute_arrays(
     seeds: Seeds,
     W: np.ndarray | None,
     config: Config,
-    names: list[Path],
+    names: dict[str, Path],
 ) -> None:
+    """Write the arrays that `names` asks for, of "V", "T_tilde" and "U"; all or none."""
     garment, body = sequence.scene.garment, sequence.scene.body
     T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
-    names[0].parent.mkdir(parents=True, exist_ok=True)
     shape = (sequence.frames, *T.shape)
-    partial = [name.with_suffix(".partial") for name in names]
-    arrays = [np.lib.format.open_memmap(p, "w+", np.float32, shape) for p in partial]
-    V, T_tilde = arrays[:2]
+    for name in names.values():
+        name.parent.mkdir(parents=True, exist_ok=True)
+    partial = {part: name.with_suffix(".partial") for part, name in names.items()}
+    arrays = {part: np.lib.format.open_memmap(p, "w+", np.float32, shape) for part, p in partial.items()}
     for start in range(0, sequence.frames, CHUNK):
         # the last window is moved back so that every call has the same shape: one compilation
         start = max(min(start, sequence.frames - CHUNK), 0)
         window = slice(start, min(start + CHUNK, sequence.frames))
         world = sequence.read(window.start, window.stop).astype(np.float64)
-        V[window] = to_root(world, inputs.root[window], inputs.yaw[window])
-        posed = (jnp.asarray(x[window]) for x in (V, inputs.R_seed, inputs.t_seed))
-        T_tilde[window] = _unpose(
-            *posed,
-            jnp.asarray(T),
-            jnp.asarray(seeds.points),
-            tau=config.body.tau,
-            iterations=config.body.skin_iterations,
-        )
-        if W is not None:
-            arrays[2][window] = unskin_frames(V[window], W, inputs.x.R[window], inputs.x.t[window])
-    for array in arrays:
+        V = to_root(world, inputs.root[window], inputs.yaw[window]).astype(np.float32)
+        if "V" in arrays:
+            arrays["V"][window] = V
+        if "T_tilde" in arrays:
+            arrays["T_tilde"][window] = _unpose(
+                *map(jnp.asarray, (V, inputs.R_seed[window], inputs.t_seed[window], T, seeds.points)),
+                tau=config.body.tau,
+                iterations=config.body.skin_iterations,
+            )
+        if "U" in arrays:
+            assert W is not None
+            arrays["U"][window] = unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window])
+    for array in arrays.values():
         array.flush()
-    for temporary, name in zip(partial, names, strict=True):
-        os.replace(temporary, name)
+    for part, name in names.items():
+        os.replace(partial[part], name)
 
 
 @functools.partial(jax.jit, static_argnames=("tau", "iterations"))

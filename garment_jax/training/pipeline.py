@@ -53,7 +53,14 @@ def train(
         if stage == "swing":
             make_swing_tables(data.scene, config=config.swing)
 
-    run = open_run(config, run_dir, data_dir=data_dir, tensorboard=tensorboard, check=check)
+    run = open_run(
+        config,
+        run_dir,
+        data_dir=data_dir,
+        tensorboard=tensorboard,
+        check=check,
+        unposed=stage in ("all", "generative"),
+    )
     with run.log:
         if stage != "swing":  # which needs none of the others
             generative = train_generative(run)

@@ -41,11 +41,13 @@ def open_run(
     tensorboard: bool = False,
     more_facts: Mapping[str, Any] | None = None,
     check: Callable[[DataSet], None] | None = None,
+    unposed: bool = True,
 ) -> Run:
     """Prepare the data (cached in the run's folder) and open or create the run.
 
     `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
-    `check` refuses data before the folder belongs to a configuration that does not fit them. Raises
+    `check` refuses data before the folder belongs to a configuration that does not fit them; `unposed` as in
+    `prepare`. Raises
     `ValueError` for a folder that belongs to others, and as `find_beginning`.
     """
     folder = Path(folder)
@@ -55,7 +57,7 @@ def open_run(
     if beginning is not None:  # the folder may hold another model tomorrow
         facts["begin_from"] = beginning.digest
     check_run(folder, config, facts=facts)  # before another run's cache is written into
-    data = prepare(data_dir, config, folder / "cache")
+    data = prepare(data_dir, config, folder / "cache", unposed=unposed)
     if beginning is not None:
         data = data._replace(statistics=beginning.statistics)
     if check is not None:

@@ -1,3 +1,4 @@
+import jax
 import numpy as np
 import pytest
 
@@ -49,5 +50,5 @@ def test_shapes_and_types():
     assert found.x.M.shape == (12, 10 + 12 * 3)
     assert found.R_seed.shape == (12, 6, 3, 3)
     assert found.t_seed.shape == (12, 6, 3)
-    assert {a.dtype for a in (*found.x, found.R_seed, found.t_seed)} == {np.dtype(np.float32)}
+    assert {a.dtype for a in jax.tree.leaves((found.x, found.R_seed, found.t_seed))} == {np.dtype(np.float32)}
     assert found.root.dtype == found.yaw.dtype == np.float64

@@ -172,6 +172,30 @@ def test_the_cache_is_used_again_until_a_setting_that_shapes_it_changes(folder, 
     assert capsys.readouterr().err.count("prepare:") == 3
 
 
+@pytest.mark.parametrize("reach", [0.0, 0.1])
+def test_unposed_targets_are_made_when_they_are_wanted(folder, tmp_path, capsys, reach: float):
+    generative = dataclasses.replace(CONFIG.generative, skin_reach=reach)
+    config = dataclasses.replace(CONFIG, generative=generative)
+    without = prepare(folder, config, tmp_path, unposed=False)
+    assert all(clip.T_tilde is None for clip in (*without.train, *without.validation))
+    assert not list(tmp_path.glob("*T_tilde*"))
+    capsys.readouterr()
+    later = prepare(folder, config, tmp_path)
+    assert capsys.readouterr().err.count("prepare:") == 3
+    at_once = prepare(folder, config, tmp_path / "at_once")
+    assert later.content == without.content == at_once.content
+    for a, b, c in zip(later.train, at_once.train, without.train, strict=True):
+        np.testing.assert_array_equal(a.T_tilde, b.T_tilde)
+        for name in ("V", "U"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+            np.testing.assert_array_equal(getattr(c, name), getattr(b, name))
+    for made, expected in zip(without.statistics, at_once.statistics, strict=True):
+        np.testing.assert_array_equal(made, expected)
+    capsys.readouterr()
+    prepare(folder, config, tmp_path, unposed=False)
+    assert "prepare:" not in capsys.readouterr().err
+
+
 def test_a_copy_of_the_clips_is_the_same_data_and_a_changed_clip_is_not(folder, tmp_path, capsys):
     first = prepare(folder, CONFIG, tmp_path / "cache")
     shutil.copytree(folder, tmp_path / "copy", copy_function=shutil.copy)  # without their times
