@@ -196,7 +196,8 @@ def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
 
 def frame_plot(records: Records) -> str:
     """The longest clip's error by frame, smoothed over a second, of the rows compared."""
-    names = ("ours", "no_previous_state", "pan_2022", "santesteban_2019", "ridge", "skinned_template")
+    names = ("ours_swing", "ours", "no_previous_state", "pan_2022", "santesteban_2019", "ridge")
+    names += ("skinned_template",)
     found = [record for record in map(records.named, names) if record is not None]
     figure, axes = _figure()
     for record in found:
@@ -205,7 +206,7 @@ def frame_plot(records: Records) -> str:
         error = np.asarray(clips[clip]["rmse_cm_per_frame"], float)
         window = np.ones(min(30, len(error)))
         mean = np.convolve(error, window, "same") / np.convolve(np.ones(len(error)), window, "same")
-        axes.plot(mean, lw=2.0 if record.row.name == "ours" else 1.0, label=record.row.title)
+        axes.plot(mean, lw=2.0 if record.row.name.startswith("ours") else 1.0, label=record.row.title)
         axes.set(xlabel=f"frame of {clip}, mean of 30", ylabel="RMSE, cm")
     axes.set_ylim(bottom=0)
     return _svg(figure, axes, empty=not found)
