@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from garment_jax.body.kicks import kicked
 from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.structs import Motion, RiggedBody
 
@@ -25,6 +26,7 @@ class Variation(NamedTuple):
     turn: tuple[float, float] = (-60.0, 60.0)  # degrees per second that the whole body turns besides
     begin: tuple[float, float] = (0.0, 0.4)  # part of the motion that is left out at its beginning
     spins: tuple[float, float] = (0.0, 0.0)  # quick turns of the whole body in ten seconds, on average
+    kicks: tuple[float, float] = (0.0, 0.0)  # raised legs in ten seconds, on average
 
 
 def vary_motion(
@@ -38,8 +40,8 @@ def vary_motion(
     """Return a variation of `motion` at the same frame rate; its length follows from tempo and beginning.
 
     `legs` name the joints whose angles against their parents are scaled; those that the body lacks are
-    passed over. A turn swings slowly to and fro, so that it neither winds up nor stands still; spins come
-    on top.
+    passed over. A turn swings slowly to and fro, so that it neither winds up nor stands still; spins and
+    kicks come on top.
     """
     tempo, legs_scale, turn, begin = (rng.uniform(*bounds) for bounds in variation[:4])
     whole = resampled(motion, tempo)
@@ -51,7 +53,10 @@ def vary_motion(
     angle = np.radians(turn) * period / (2 * np.pi) * np.sin(2 * np.pi * time / period)
     if variation.spins[1] > 0:  # else nothing more is drawn: the same seed gives the motion of before
         angle = angle + _spins(time, rng.uniform(*variation.spins), rng)
-    return _turned(part, angle)
+    part = _turned(part, angle)
+    if variation.kicks[1] > 0:
+        part = kicked(part, body, rng.uniform(*variation.kicks), rng)
+    return part
 
 
 def _spins(time: np.ndarray, in_ten_seconds: float, rng: np.random.Generator) -> np.ndarray:

@@ -26,6 +26,12 @@ def add(commands) -> None:
         default=0.0,
         help="and spins, so often in ten seconds on average, or less (default 0)",
     )
+    parser.add_argument(
+        "--kicks",
+        type=float,
+        default=0.0,
+        help="and raised legs, so often in ten seconds on average, or less (default 0)",
+    )
     parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
     parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
     parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
@@ -102,6 +108,7 @@ def run(options: argparse.Namespace) -> None:
             seed=options.seed,
             turn=options.turn,
             spins=options.spins,
+            kicks=options.kicks,
             longest=options.longest,
             crosses=options.crosses,
             settings=settings,

@@ -38,6 +38,7 @@ _LEAST = {
     "source_fps": 1,
     "turn": 0,
     "spins": 0,
+    "kicks": 0,
     "longest": 30,
 }
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}

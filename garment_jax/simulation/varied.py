@@ -26,6 +26,7 @@ def varied_jobs(
     seed: int,
     turn: float = Variation().turn[1],
     spins: float = Variation().spins[1],
+    kicks: float = Variation().kicks[1],
     longest: int | None = None,
     crosses: int = 0,
     settings: ClothSettings | None = None,
@@ -34,11 +35,11 @@ def varied_jobs(
 
     `copies` variations of each clip (`vary_motion`), then `crosses` motions out of three clips each
     (`cross_motions`). `turn`: degrees per second that the body turns besides, at most; `spins`: quick turns
-    in ten seconds on average, at most; `longest`: frames of a motion, which is cut out anywhere. Give
-    training clips only: what is made of a test clip is no longer unseen. In folders, clips that were made so
-    before are passed over. Raises `FileNotFoundError` where there are none, `ValueError` for clips of
-    different scenes, in another unit or with a broken motion, for those simulated here with other
-    `settings`, and for fewer than three clips to cross.
+    in ten seconds on average, at most; `kicks`: raised legs, likewise; `longest`: frames of a motion, which
+    is cut out anywhere. Give training clips only: what is made of a test clip is no longer unseen. In
+    folders, clips that were made so before are passed over. Raises `FileNotFoundError` where there are
+    none, `ValueError` for clips of different scenes, in another unit or with a broken motion, for those
+    simulated here with other `settings`, and for fewer than three clips to cross.
     """
     if not copies and not crosses:
         raise ValueError("--copies 0 and --crosses 0 make no clips; give one of them.")
@@ -50,7 +51,7 @@ def varied_jobs(
             f"--crosses {crosses} needs three clips at least and {len(files)} are there; name more."
         )
     scene, motions = _read(files, settings)
-    variation = Variation(turn=(-turn, turn), spins=(0.0, spins))
+    variation = Variation(turn=(-turn, turn), spins=(0.0, spins), kicks=(0.0, kicks))
     jobs = []
     for name, motion in motions:
         for copy in range(1, copies + 1):

@@ -37,6 +37,18 @@ def test_spins_reach_variations_and_crossed_motions(tmp_path: Path):
     assert np.abs(heading(crossed[0][:frames, 0]) - heading(crossed[1][:frames, 0])).max() > 0.1
 
 
+def test_kicks_reach_variations_and_crossed_motions(tmp_path: Path):
+    for name, seed in (("polka", 1), ("waltz", 2), ("jig", 3)):
+        write_clip(tmp_path / f"{name}.h5", 90, seed, attributes={"name": name})
+    calm, kicks = (varied_jobs([tmp_path], copies=1, crosses=1, seed=5, kicks=k)[1] for k in (0.0, 40.0))
+    for before, after in zip(calm[:3], kicks[:3], strict=True):
+        assert np.abs(before.motion.rotations - after.motion.rotations).max() > 0.1
+        np.testing.assert_allclose(before.motion.root, after.motion.root, atol=1e-9)
+    frames = min(len(jobs[3].motion.root) for jobs in (calm, kicks))
+    crossed = [jobs[3].motion.rotations[:frames] for jobs in (calm, kicks)]
+    assert np.abs(crossed[0] - crossed[1]).max() > 0.1
+
+
 def test_clips_of_two_scenes_are_not_varied_together(tmp_path: Path):
     write_clip(tmp_path / "a.h5", 12)
     write_clip(tmp_path / "b.h5", 12, scene=make_scene(6, 12))
