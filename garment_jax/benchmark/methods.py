@@ -21,7 +21,14 @@ from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.finish import Chunk
-from garment_jax.rollout.model import Model, model_input, save_model, skinned_template, template_for
+from garment_jax.rollout.model import (
+    Model,
+    model_input,
+    save_model,
+    skinned_template,
+    template_for,
+    without_swing,
+)
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
@@ -128,7 +135,7 @@ def _stream(model: Model, row: Row) -> Callable[[Scene, Motion, str], Stream]:
 
 def reconstructed(model: Model, scene: Scene, motion: Motion, V: np.ndarray, name: str) -> np.ndarray:
     """Return the truth `V` `[t, n, 3]`, world metres, encoded by ours (the means of Z) and decoded."""
-    template, seeds = template_for(model, scene, name)
+    template, seeds = template_for(without_swing(model), scene, name)
     inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     params, config = model.params["generative"], model.config.generative
     local = to_root(V.astype(np.float64), inputs.root, inputs.yaw).astype(np.float32)

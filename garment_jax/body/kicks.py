@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 from garment_jax.structs import Motion, RiggedBody
 
 SIDES = {"Left": 1.0, "Right": -1.0}  # outward is this way along the canonical X, with the body facing +Z
+JOINTS = "LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg"
 TOWARDS = 0.0, 90.0, 180.0  # degrees from the front over the leg's own side to the back
 HIGHEST = 120.0, 100.0, 50.0  # degrees from hanging that a leg is raised there at most
 LOWEST = 0.3  # part of the highest that it is raised at least
-RATE = 200.0, 700.0  # degrees per second at its fastest
+RATE = 200.0, 700.0  # degrees per second at its fastest, on the way up; two kicks that fall together add up
+FALL = 0.8, 1.6  # of the way up's time that the way down takes
 HOLD = 0.6  # seconds that it stays up at most
 KNEE = 100.0  # degrees that the knee is bent on the way at most
 BENT = 0.4  # part of the kicks that stay bent
@@ -23,11 +25,12 @@ def kicked(motion: Motion, body: RiggedBody, in_ten_seconds: float, rng: np.rand
     """Return the motion with raised legs at random times, `in_ten_seconds` of them on average.
 
     At the top a thigh points where the kick goes, from the pelvis, whatever it did in the motion; the pelvis
-    leans along, and the other leg stays. A body without legs of these names is left as it is.
+    leans along, and the other leg stays. Raises `ValueError` for a body without legs of these names.
     """
     names = list(body.joint_names)
-    if not all(f"{side}{part}" in names for side in SIDES for part in ("UpLeg", "Leg")):
-        return motion
+    missing = [joint for joint in JOINTS if joint not in names]
+    if missing:
+        raise ValueError(f"kicks need the joints {', '.join(JOINTS)}, and the body has no {missing[0]}.")
     parents = np.maximum(body.parents, 0)
     R = motion.rotations.astype(np.float64)
     local = np.swapaxes(R[:, parents], -1, -2) @ R
@@ -48,7 +51,7 @@ def _kick(local: np.ndarray, names: list[str], time: np.ndarray, rng: np.random.
     highest = np.interp(towards, TOWARDS, HIGHEST)
     angle = np.radians(highest * rng.uniform(LOWEST, 1.0))
     up = np.pi / 2 * angle / np.radians(rng.uniform(*RATE))
-    hold, down = rng.uniform(0.0, HOLD), up * rng.uniform(0.8, 1.6)
+    hold, down = rng.uniform(0.0, HOLD), up * rng.uniform(*FALL)
     begun = rng.uniform(-up, time[-1])
     raised = _half(time - begun, up) - _half(time - begun - up - hold, down)
     bend = np.radians(rng.uniform(0.0, KNEE)) * (raised if rng.random() < BENT else np.sin(np.pi * raised))

@@ -13,6 +13,7 @@ from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import RolloutState
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
+SWING_TOLERANCE = 2e-3  # metres: a point of the body on the border of two sectors may count to either
 OUTPUTS = ("V", "h_next", "V_prev_next")
 
 
@@ -77,9 +78,10 @@ def check_graphs(
     if swing_graph is not None:
         found["swing"] = _swing_departure(subject, detail, start_graph, swing_graph)
     for name, value in found.items():
-        if not value < TOLERANCE:
+        allowed = SWING_TOLERANCE if name == "swing" else TOLERANCE
+        if not value < allowed:
             raise ValueError(
-                f"the {name} graph departs from JAX by {value:.3g}, {TOLERANCE:g} is allowed; nothing was "
+                f"the {name} graph departs from JAX by {value:.3g}, {allowed:g} is allowed; nothing was "
                 "written. Try another --opset or version of onnxruntime, and report it."
             )
     return {f"{name}_departure": float(value) for name, value in found.items()}

@@ -78,6 +78,9 @@ def export_step(
     with written_whole(*serial) as temporary:
         for path, content in zip(temporary, serial.values(), strict=True):
             path.write_bytes(content)
+    for kind in ("attach", "swing"):  # of another model that lay here
+        if (stale := out.with_suffix(f".{kind}.onnx")) not in serial:
+            stale.unlink(missing_ok=True)
     files = {
         str(path): {"megabytes": round(len(serial[path]) / 1e6, 3), "nodes": len(graph.graph.node)}
         for path, graph in graphs.items()

@@ -9,6 +9,7 @@ from garment_jax.rollout.model import (
     save_model,
     skinned_template,
     template_for,
+    without_swing,
 )
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.scan import make_rollout, rollout
@@ -36,4 +37,5 @@ __all__ = [
     "stack_motions",
     "step",
     "template_for",
+    "without_swing",
 ]

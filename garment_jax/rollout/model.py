@@ -55,7 +55,8 @@ def without_swing(model: Model) -> Model:
 def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:
     """Return the static tables of `scene` for `model`.
 
-    Raises `ValueError` when the scene's garment is not the one that the model was trained on.
+    Raises `ValueError` when the scene's garment is not the one that the model was trained on, or hangs on no
+    pins, which a swing needs (`without_swing` has none).
     """
     n = len(scene.garment.template)
     if n != model.vertices:
@@ -72,7 +73,13 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
     if "swing" in model.params and model.config.rollout.swing:
         from garment_jax.swing.tables import make_swing_tables  # a part that is off is not even imported
 
-        template = template._replace(ring=make_swing_tables(scene, config=model.config.swing))
+        try:
+            template = template._replace(ring=make_swing_tables(scene, config=model.config.swing))
+        except ValueError as error:
+            raise ValueError(
+                f"{name} has a garment with parts that hang on no pin, and the model's swing needs pins; "
+                "give a clip with them, or leave the swing out (infer.py --no-swing, rollout.without_swing)."
+            ) from error
     return template, make_seeds(scene, model.config.body.seeds)
 
 

@@ -49,7 +49,12 @@ def swing_frames_of(
     """Return `swing_frame` of all frames: the ring's state after them, and the corrected frames."""
     frames = _seen(x)
     carry, X = roll_swing(params["swing"], carry, frames, tables=template.ring, config=config.swing)
-    return carry, _drawn(V, X, frames, template, config)
+
+    def drawn(frame: tuple[jax.Array, jax.Array, SwingFrame]) -> jax.Array:
+        return _drawn(*frame, template, config)
+
+    # all at once, the cells around each vertex of every motion side by side would fill the memory
+    return carry, drawn((V, X, frames)) if V.ndim == 3 else jax.lax.map(drawn, (V, X, frames))
 
 
 def _drawn(V: jax.Array, X: jax.Array, frame: SwingFrame, template: Template, config: Config) -> jax.Array:

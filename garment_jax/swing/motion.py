@@ -16,6 +16,7 @@ LARGEST = 6.0  # of any feature: farther out there was nothing to learn from
 FASTEST = 0.2  # metres a frame that an anchor leaves its cloth behind: 6 m/s at 30 fps
 MOST_TURN = 0.5  # radians a frame that a body leaves its cloth behind: 860 degrees a second at 30 fps
 BEFORE = 2  # frames that the features of one frame look back
+AT_ONCE = 256  # frames: a long motion's body would fill the memory
 FEATURES = 9 + 2 * LEVELS  # numbers a column
 
 
@@ -36,11 +37,17 @@ def swing_frames(
     Frame 0 has no predecessor: there the body is at rest.
     """
     frames = frames or slice(0, len(motion.root))
+    starts = range(frames.start, frames.stop, AT_ONCE)
+    pieces = [_seen(motion, scene, tables, slice(s, min(s + AT_ONCE, frames.stop))) for s in starts]
+    return pieces[0] if len(pieces) == 1 else SwingFrame(*map(np.concatenate, zip(*pieces, strict=True)))
+
+
+def _seen(motion: Motion, scene: Scene, tables: SwingTables, frames: slice) -> SwingFrame:
     first = max(frames.start - BEFORE, 0)
     cut = slice(first, frames.stop)
     root, yaw = motion.root[cut].astype(np.float64), heading(motion.rotations[cut, 0])
     posed = pose_carried(tables.carried, scene, motion, cut)
-    anchor = np.einsum("ap,tpi->tai", tables.anchors, posed.pins)
+    anchor = tables.anchors @ posed.pins  # as an einsum it took more time than all else here
     turn, shift = carry_over(root, yaw)
     before = np.maximum(np.arange(len(root)) - 1, 0)
 

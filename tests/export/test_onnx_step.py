@@ -17,7 +17,7 @@ from garment_jax.export import onnx_check  # noqa: E402
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_step import export_step  # noqa: E402
 from garment_jax.rollout.attachment import make_attachment  # noqa: E402
-from garment_jax.rollout.model import model_input, save_model, skinned_template  # noqa: E402
+from garment_jax.rollout.model import Model, model_input, save_model, skinned_template  # noqa: E402
 from garment_jax.rollout.scan import make_rollout  # noqa: E402
 from garment_jax.rollout.step import init_state  # noqa: E402
 from garment_jax.structs import Motion  # noqa: E402
@@ -97,8 +97,10 @@ def test_a_model_in_canonical_pose_takes_joints_in_place_of_turn_and_shift(folde
     np.testing.assert_allclose(V, expected[0], atol=1e-4)
 
 
-def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path):
-    model, motion = swinging_model(), make_motion(SCENE, 20)
+@pytest.mark.parametrize("base", [tiny_model(), canonical_model()], ids=["root frame", "canonical pose"])
+def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path, base: Model):
+    model, motion = swinging_model(base), make_motion(SCENE, 20)
+    names = ("M", "turn", "shift") if template(base).W is None else ("M", "R", "t")
     save_model(model, folder / "swings", bits=32)
     facts = export_step(folder / "swings", folder / "swings.onnx", clip=folder / "clip.h5")
     assert facts["swing_departure"] < 1e-4
@@ -118,12 +120,22 @@ def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path):
     for t in range(20):
         last = max(t - 1, 0)
         skeleton = {"rotations": R[t], "root": root[t], "rotations_prev": R[last], "root_prev": root[last]}
-        M, turn, shift = frame.run(["M", "turn", "shift"], skeleton) if t else inputs.x[:3]
-        M, turn, shift = (M, turn, shift) if t else (leaf[0] for leaf in (M, turn, shift))
-        given = {"h": h, "V_prev": V_prev, "M": M, "turn": turn, "shift": shift}
+        # the package gives the first frame the velocities of the second
+        seen = frame.run(list(names), skeleton) if t else [getattr(inputs.frame(0), name) for name in names]
+        given = {"h": h, "V_prev": V_prev, **dict(zip(names, seen, strict=True))}
         V, h, V_prev = step.run(["V", "h_next", "V_prev_next"], given)
         V, carried = swing.run(["V_swung", "swing_next"], {"V": V, "swing": carried, **skeleton})
         np.testing.assert_allclose(V, expected[t], atol=1e-4)
+
+
+def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
+    clip, out = folder / "clip.h5", folder / "anew.onnx"
+    save_model(swinging_model(), folder / "before", bits=32)
+    export_step(folder / "before", out, clip=clip, check=False)
+    assert (folder / "anew.swing.onnx").exists()
+    export_step(folder / "tiny", out, clip=clip, check=False)
+    assert not (folder / "anew.swing.onnx").exists()
+    assert (folder / "anew.attach.onnx").exists()
 
 
 def test_the_attached_garment_is_the_animations(folder: Path):

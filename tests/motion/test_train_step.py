@@ -55,7 +55,7 @@ def python_loop(frames: int, first: int = 1):
     for start in (first, first + 15):
         carry = MotionCarry(jnp.zeros(MOTION.gru), jnp.asarray(model.V[start - 1]))
         for t in range(start, start + frames):
-            x = type(model.input.x)(*(jnp.asarray(leaf[t]) for leaf in model.input.x))
+            x = jax.tree.map(jnp.asarray, model.input.frame(t))
             carry, Z = one_frame(motion_params(), frozen()[0], carry, x)
             carries.append(carry)
             codes.append(Z)

@@ -35,9 +35,9 @@ def params() -> dict:
     return jax.tree.map(lambda leaf: drawn(rng, leaf.shape), shapes)
 
 
-def swinging_model() -> Model:
-    """Return the tiny model with a swing beside its codes."""
-    model = tiny_model()
+def swinging_model(base: Model | None = None) -> Model:
+    """Return the tiny model, or another one of its garment, with a swing beside its codes."""
+    model = base or tiny_model()
     config = dataclasses.replace(model.config, swing=SWING)
     return model._replace(config=config, params={**model.params, "swing": params()})
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from garment_jax.rollout import model as module
-from garment_jax.rollout.model import load_model, save_model, template_for
+from garment_jax.rollout.model import load_model, save_model, template_for, without_swing
 from tests.reference.scene import make_scene
+from tests.reference.tiny_swing import swinging_model
 from tests.rollout.tiny_model import SCENE, tiny_model
 
 
@@ -114,3 +115,11 @@ def test_another_garment_is_refused_by_name():
     shifted = SCENE.garment._replace(uv=np.roll(SCENE.garment.uv, 1, axis=0))
     with pytest.raises(ValueError, match="polka has another template, faces or UVs"):
         template_for(tiny_model(), SCENE._replace(garment=shifted), "polka")
+
+
+def test_a_swing_needs_pins_and_codes_alone_do_not():
+    model, free = swinging_model(), SCENE._replace(pins=None)
+    assert template_for(model, SCENE, "polka")[0].ring is not None
+    with pytest.raises(ValueError, match=r"polka has a garment with parts that hang on no pin, "):
+        template_for(model, free, "polka")
+    assert template_for(without_swing(model), free, "polka")[0].ring is None

@@ -129,6 +129,22 @@ def test_the_swing_joins_a_finished_run_and_survives_kill_9(
     assert 0 < last["waltz_3_rmse_cm"] < 100
 
 
+def test_single_stages_make_no_targets_that_they_do_not_read(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path
+):
+    config = replace(CONFIG, swing=SWING)
+    run = train(config, tmp_path / "run", data_dir=data_dir, stage="generative")
+    targets = sorted((run / "cache").glob("*T_tilde*"))
+    assert len(targets) == 3
+    for path in targets:
+        path.unlink()
+    for stage in ("motion", "detail", "swing"):
+        train(config, run, data_dir=data_dir, stage=stage)
+    assert not list((run / "cache").glob("*T_tilde*"))
+    for stage in STAGES:
+        assert_same_bits(state_of(run, stage), state_of(uninterrupted, stage))
+
+
 def test_the_swing_alone_is_trained_beside_a_saved_model(
     tmp_path: Path, data_dir: Path, uninterrupted: Path, monkeypatch: pytest.MonkeyPatch
 ):
