@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from garment_jax.config import Config, SwingConfig
 from garment_jax.export.host_functions import angle, heading, joints_from_root, yaw_matrix
+from garment_jax.geometry.stencil import dense_matrix
 from garment_jax.structs import Scene
 from garment_jax.swing.motion import (
     CHANGED,
@@ -26,7 +27,7 @@ from garment_jax.swing.motion import (
     USUAL_RADIUS,
     SwingFrame,
 )
-from garment_jax.swing.network import SwingCarry, at_rest, corrected, seen_gates, swing_step
+from garment_jax.swing.network import SwingCarry, at_rest, cells_moved, seen_gates, swing_step
 from garment_jax.swing.tables import LEVELS, SwingTables
 
 SETTLED = 2.0  # frames after which the anchors' acceleration is known
@@ -92,8 +93,10 @@ def swung(
     gates = seen_gates(params, frame.seen, config=config.swing)
     carry = swing_step(params, state.carry, frame, gates, tables=ring, config=config.swing)
     weight, gain = config.rollout.swing, config.rollout.gain
-    V = corrected(V, carry.X, frame.anchor, tables=ring, weight=weight, gain=gain)
-    return V, state._replace(carry=carry)
+    moved = cells_moved(V, carry.X, frame.anchor, tables=ring, weight=weight, gain=gain)
+    # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
+    spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
+    return V + spread.T, state._replace(carry=carry)
 
 
 def swing_input(
@@ -161,4 +164,4 @@ def _radius(points: jax.Array, ring: SwingTables) -> jax.Array:
     levels = ring.levels.astype(np.float32)
     inside = (points[None, :, 1] <= levels[:-1, None]) & (points[None, :, 1] > levels[1:, None])
     reached = jnp.where(inside, jnp.minimum(r, np.float32(ring.farthest))[None], 0.0)  # [LEVELS, q]
-    return jnp.where(near[:, None], reached[None], 0.0).max(axis=-1)
+    return (near.astype(jnp.float32)[:, None] * reached[None]).max(axis=-1)

@@ -36,6 +36,13 @@ def make_stencil(index: np.ndarray, weight: np.ndarray, columns: int) -> Stencil
     return Stencil(index.astype(np.int32), weight.astype(np.float32), index_t, weight_t)
 
 
+def dense_matrix(stencil: Stencil, columns: int) -> np.ndarray:
+    """Return the operator as a matrix `[m, columns]` float32."""
+    out = np.zeros((len(stencil.index), columns), np.float32)
+    np.add.at(out, (np.arange(len(out))[:, None], stencil.index), stencil.weight)
+    return out
+
+
 @jax.custom_vjp
 def apply_stencil(x: jax.Array, stencil: Stencil) -> jax.Array:
     """Return the operator applied to `x` `[*b, n, c]`, `[*b, m, c]`; differentiable in `x` alone."""

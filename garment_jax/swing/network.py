@@ -143,7 +143,21 @@ def corrected(
     weight: float,
     gain: float = 1.0,
 ) -> Float[Array, "*b n 3"]:
-    """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay.
+    """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
+    moved = cells_moved(V, X, anchor, tables=tables, weight=weight, gain=gain)
+    return V + apply_stencil(moved, tables.up)
+
+
+def cells_moved(
+    V: Float[Array, "*b n 3"],
+    X: Float[Array, "*b a h 3"],
+    anchor: Float[Array, "*b a 3"],
+    *,
+    tables: SwingTables,
+    weight: float,
+    gain: float,
+) -> Float[Array, "*b ah 3"]:
+    """Return how far `corrected` moves each cell, metres, root frame.
 
     A cell d off counts as r tanh(d / r) off, r being `REACH` times its scale: where ring and codes are far
     apart neither knows, and all of the way would stretch the cloth between two columns. What is then away
@@ -163,7 +177,7 @@ def corrected(
     if gain != 1.0:
         away += (gain - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))
     away = jnp.einsum("aij,...ahi->...ahj", tables.frames, jnp.where(filled > 0, away, 0.0))
-    return V + apply_stencil(away.reshape(*away.shape[:-3], -1, 3), tables.up)
+    return away.reshape(*away.shape[:-3], -1, 3)
 
 
 def _dense(params: dict, x: jax.Array) -> jax.Array:

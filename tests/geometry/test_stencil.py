@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from garment_jax.geometry.stencil import apply_stencil, make_stencil, materialised
+from garment_jax.geometry.stencil import apply_stencil, dense_matrix, make_stencil, materialised
 
 ROWS, COLUMNS, TAPS = 7, 5, 3
 
@@ -29,6 +29,11 @@ def test_forward_is_the_dense_matrix_and_the_gradient_its_transpose(batch):
     y, pull = jax.vjp(lambda x: apply_stencil(x, stencil), x)
     np.testing.assert_allclose(y, dense @ np.asarray(x), atol=1e-6)
     np.testing.assert_allclose(pull(g)[0], dense.T @ np.asarray(g), atol=1e-6)
+
+
+def test_the_matrix_is_the_dense_one():
+    stencil, dense = operator()
+    np.testing.assert_allclose(dense_matrix(stencil, COLUMNS), dense, atol=1e-6)
 
 
 def test_the_stored_transpose_is_the_transpose():
