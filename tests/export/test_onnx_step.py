@@ -129,13 +129,13 @@ def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path, bas
 
 
 def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
-    clip, out = folder / "clip.h5", folder / "anew.onnx"
+    clip, out = folder / "clip.h5", folder / "left.onnx"
     save_model(swinging_model(), folder / "before", bits=32)
     export_step(folder / "before", out, clip=clip, check=False)
-    assert (folder / "anew.swing.onnx").exists()
+    assert (folder / "left.swing.onnx").exists()
     export_step(folder / "tiny", out, clip=clip, check=False)
-    assert not (folder / "anew.swing.onnx").exists()
-    assert (folder / "anew.attach.onnx").exists()
+    assert not (folder / "left.swing.onnx").exists()
+    assert (folder / "left.attach.onnx").exists()
 
 
 def test_the_attached_garment_is_the_animations(folder: Path):
