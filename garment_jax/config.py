@@ -121,6 +121,9 @@ class SwingConfig:
     hidden: int = 64  # width of each column's recurrent state
     width: int = 128  # of the layers between
     around: int = 5  # columns that a convolution sees, odd
+    layers: int = 0  # further convolutions before the recurrence, and as many after it
+    previous_state: bool = True  # the cells of the last frame are seen; false is the ablation
+    dropout: float = 0.0  # part of the first layer hidden from a lane for a window
     noise: float = 0.01  # metres; noise on true starts while training
     window: int = 30  # frames of truncated back-propagation
     lanes: int = 32  # clips trained side by side
@@ -304,14 +307,17 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, swing, lengths, gain, begin_from) counts where it
-    differs from the defaults, so that older hashes hold.
+    What came later (baselines, decomposition, skin_reach, swing and its layers, previous_state and dropout,
+    lengths, gain, begin_from) counts where it differs from the defaults, so that older hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
     if config.swing == SwingConfig():
         del values["swing"]
+    for key in ("layers", "previous_state", "dropout") if "swing" in values else ():
+        if getattr(config.swing, key) == getattr(SwingConfig(), key):
+            del values["swing"][key]
     for key in ("decomposition", "skin_reach"):
         if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
             del values["generative"][key]

@@ -32,7 +32,8 @@ class SwingCarry(NamedTuple):
 
 def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
     """Return fresh parameters; the key is consumed."""
-    state, c, w, k = 6 * config.rows, config.hidden, config.width, config.around
+    c, w, k = config.hidden, config.width, config.around
+    state = 6 * config.rows if config.previous_state else 0
     shapes = {
         "seen": (FEATURES, k * w, k * (FEATURES + state + c)),
         "state": (state + c, k * w, k * (FEATURES + state + c)),
@@ -43,12 +44,15 @@ def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
         "around": (c, k * w, k * c),
         "out": (w, 3 * config.rows, 10 * w),
     }
+    further = [f"{place}_{i}" for i in range(config.layers) for place in ("before", "after")]
+    shapes |= {name: (w, k * w, k * w) for name in further}
     keys = jax.random.split(key, len(shapes))
     kernels = {
         name: jax.random.normal(one, (i, o)) / jnp.sqrt(fan)
         for one, (name, (i, o, fan)) in zip(keys, shapes.items(), strict=True)
     }
     widths = {"seen": w, "all": w, "gates": 3 * c, "gates_h": 3 * c, "around": w, "out": 3 * config.rows}
+    widths |= dict.fromkeys(further, w)
     return {
         name: {"kernel": kernel} | ({"bias": jnp.zeros(widths[name])} if name in widths else {})
         for name, kernel in kernels.items()
@@ -75,39 +79,53 @@ def swing_step(
     *,
     tables: SwingTables,
     config: SwingConfig,
+    kept: Float[Array, "*b 1 w"] | None = None,
 ) -> SwingCarry:
-    """Return the carry after this frame, bounded whatever comes in; `gates`: `seen_gates` of `frame.seen`."""
+    """Return the carry after this frame, bounded whatever comes in; `gates`: `seen_gates` of `frame.seen`.
+
+    `kept` is multiplied with the first layer (dropout while training).
+    """
     hung = turned(carry.X, frame.turn) - frame.way[..., None, :]
     moved = turned(carry.moved, frame.turn)
     flat = (*hung.shape[:-2], 3 * config.rows)
     typical, scale = (jnp.broadcast_to(x, hung.shape) for x in (tables.typical, tables.scale))
-    place = (hung - typical) / scale
-    state = jnp.concatenate(
-        [
-            jnp.clip(place, -LARGEST, LARGEST).reshape(flat),
-            jnp.clip(moved / MOVED, -LARGEST, LARGEST).reshape(flat),
-            carry.h,
-        ],
-        axis=-1,
-    )
+    state = carry.h
+    if config.previous_state:
+        place = (hung - typical) / scale
+        cells = [jnp.clip(x, -LARGEST, LARGEST).reshape(flat) for x in (place, moved / MOVED)]
+        state = jnp.concatenate([*cells, state], axis=-1)
     u = jax.nn.gelu(gates + _circular(state @ params["state"]["kernel"], config.around))
+    if kept is not None:
+        u = u * jnp.broadcast_to(kept, u.shape)
+    for i in range(config.layers):
+        u = u + _convolved(params[f"before_{i}"], u, config.around)
     everywhere = jnp.concatenate([u.mean(axis=-2), u.max(axis=-2)], axis=-1)
     everywhere = jax.nn.gelu(_dense(params["all"], everywhere))
     into = _dense(params["gates"], u) + (everywhere @ params["gates_all"]["kernel"])[..., None, :]
     h = gru_step({"gru_h": params["gates_h"]}, carry.h, into)
-    y = _circular(h @ params["around"]["kernel"], config.around)
-    y = jax.nn.gelu(y + along_channels(params["around"]["bias"], y))
+    y = _convolved(params["around"], h, config.around)
+    for i in range(config.layers):
+        y = y + _convolved(params[f"after_{i}"], y, config.around)
     X = _dense(params["out"], y).reshape(hung.shape) * scale + typical
     return SwingCarry(X, X - hung, h)
 
 
 def roll_swing(
-    params: dict, carry: SwingCarry, frames: SwingFrame, *, tables: SwingTables, config: SwingConfig
+    params: dict,
+    carry: SwingCarry,
+    frames: SwingFrame,
+    *,
+    tables: SwingTables,
+    config: SwingConfig,
+    kept: Float[Array, "*b 1 w"] | None = None,
 ) -> tuple[SwingCarry, Float[Array, "t *b a h 3"]]:
-    """Return the carry after the frames (leaves `[t, *b, ...]`) and all cells, metres from their anchors."""
+    """Return the carry after the frames (leaves `[t, *b, ...]`) and all cells, metres from their anchors.
+
+    `kept`: as of `swing_step`, the same for all frames.
+    """
 
     def frame(carry: SwingCarry, inputs: tuple[SwingFrame, jax.Array]):
-        carry = swing_step(params, carry, *inputs, tables=tables, config=config)
+        carry = swing_step(params, carry, *inputs, tables=tables, config=config, kept=kept)
         return carry, carry.X
 
     gates = seen_gates(params, frames.seen, config=config)
@@ -183,6 +201,11 @@ def cells_moved(
 def _dense(params: dict, x: jax.Array) -> jax.Array:
     y = x @ params["kernel"]
     return y + along_channels(params["bias"], y)
+
+
+def _convolved(params: dict, x: jax.Array, around: int) -> jax.Array:
+    y = _circular(x @ params["kernel"], around)
+    return jax.nn.gelu(y + along_channels(params["bias"], y))
 
 
 def _circular(y: Float[Array, "*b a kw"], around: int) -> Float[Array, "*b a w"]:

@@ -54,8 +54,12 @@ def swing_loss(
     Of the cells' places and of their movements, a cell counting by the vertices that it holds. A root for
     each lane and frame: a lane that has lost its folds does not drown the others.
     """
-    begun = begin_lanes(key, carry, batch, config)
-    carry, X = roll_swing(params, begun, batch.frame, tables=tables, config=config)
+    start_key, drop_key = jax.random.split(key) if config.dropout else (key, key)
+    begun, kept = begin_lanes(start_key, carry, batch, config), None
+    if config.dropout:
+        stays = 1.0 - config.dropout
+        kept = jax.random.bernoulli(drop_key, stays, (len(batch.fresh), 1, config.width)) / max(stays, 1e-3)
+    carry, X = roll_swing(params, begun, batch.frame, tables=tables, config=config, kept=kept)
     E = X - batch.X_star
 
     def rooted(E: jax.Array) -> jax.Array:

@@ -24,7 +24,7 @@ _ALIKE = {
     ),
     "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
     "detail": ("features", "code_features", "hidden", "vertex_code"),
-    "swing": ("rows", "hidden", "width", "around"),
+    "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
 }
 
 

@@ -79,7 +79,7 @@ def test_corrected_cloth_hangs_nearer_to_the_ring():
     for weight in (0.0, 1.0):
         X = np.asarray(cells_of(jnp.asarray(corrected(weight)), anchor, tables=tables()))
         off.append(np.abs(X - rolled(32, 20)).mean())
-    assert off[1] < 0.8 * off[0]  # random parameters: the ring is farther off than a correction reaches
+    assert off[1] < 0.85 * off[0]  # random parameters: the ring is farther off than a correction reaches
 
 
 MODEL = swinging_model()

@@ -1,14 +1,18 @@
 """The ring's step: what it keeps, what it cannot tell apart, and that nothing throws it far away."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.config import SwingConfig
 from garment_jax.swing.motion import SwingFrame
 from garment_jax.swing.network import (
     SwingCarry,
     at_rest,
     cells_of,
+    init_swing,
     roll_swing,
     seen_gates,
     swing_step,
@@ -116,3 +120,51 @@ def test_cells_hang_from_their_anchors():
             mean = sum(w * V[b, i] for i, w in zip(down.index[k], down.weight[k], strict=True))
             a, h = divmod(k, SWING.rows)
             np.testing.assert_allclose(cells[b, a, h], tables().frames[a] @ (mean - anchor[b, a]), atol=1e-5)
+
+
+def test_further_convolutions_are_added_around_the_recurrence():
+    """Each is y + gelu(K y + b) of a column and its neighbours, by hand; a zero one changes nothing."""
+    none = {name: jax.tree.map(jnp.zeros_like, params()[name]) for name in ("before_0", "after_0")}
+    without = {k: v for k, v in params().items() if k not in none}
+    plain = dataclasses.replace(SWING, layers=0)
+    frame, carry = frame_at(4), anywhere()
+
+    def after(p: dict, config: SwingConfig) -> SwingCarry:
+        gates = seen_gates(p, frame.seen, config=config)
+        return swing_step(p, carry, frame, gates, tables=tables(), config=config)
+
+    fewer, zero = after(without, plain), after(params() | none, SWING)
+    for a, b in zip(fewer, zero, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+    last = after(params() | {"before_0": none["before_0"]}, SWING)
+    np.testing.assert_allclose(last.h, fewer.h, atol=1e-6)  # the one after does not reach the state
+    y = jax.nn.gelu(neighbours(without["around"], np.asarray(fewer.h)))
+    y = np.asarray(y + jax.nn.gelu(neighbours(params()["after_0"], np.asarray(y))))
+    X = y @ np.asarray(params()["out"]["kernel"]) + np.asarray(params()["out"]["bias"])
+    X = X.reshape(last.X.shape) * tables().scale + tables().typical
+    np.testing.assert_allclose(last.X, X, atol=1e-5)
+    assert np.abs(after(params(), SWING).h - fewer.h).max() > 1e-3
+
+
+def neighbours(layer: dict, x: np.ndarray) -> np.ndarray:
+    """Return a column's sum over its neighbours' kernels, in a loop."""
+    kernels = np.split(np.asarray(layer["kernel"]), SWING.around, axis=-1)
+    out = np.zeros((SWING.columns, SWING.width), np.float32)
+    for a in range(SWING.columns):
+        for k, kernel in enumerate(kernels):
+            out[a] += x[(a - k + SWING.around // 2) % SWING.columns] @ kernel
+    return out + np.asarray(layer["bias"])
+
+
+def test_without_previous_state_the_cells_before_do_not_matter():
+    config = dataclasses.replace(SWING, previous_state=False)
+    p = init_swing(jax.random.key(0), config=config)
+    frame, here = frame_at(4), anywhere()
+    gates = seen_gates(p, frame.seen, config=config)
+    elsewhere = here._replace(X=here.X + 0.1, moved=here.moved - 0.1)
+    a, b = (swing_step(p, c, frame, gates, tables=tables(), config=config) for c in (here, elsewhere))
+    np.testing.assert_array_equal(a.X, b.X)
+    np.testing.assert_array_equal(a.h, b.h)
+    other = swing_step(p, here._replace(h=here.h + 0.1), frame, gates, tables=tables(), config=config)
+    assert np.abs(other.X - a.X).max() > 1e-4
+    assert np.abs(stepped(here, frame).X - stepped(elsewhere, frame).X).max() > 1e-4

@@ -1,6 +1,8 @@
 """The ring's training window: lanes, noise, loss, and that it learns."""
 
+import dataclasses
 from itertools import pairwise
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
@@ -83,3 +85,30 @@ def test_it_overfits_one_batch():
         losses.append(float(metrics["rmse_cm"]))
     assert losses[-1] < 0.3 * losses[0]
     assert int(state.step) == 200
+
+
+def test_dropout_hides_a_part_of_the_first_layer_for_a_window():
+    def loss(key: int, dropout: float) -> float:
+        config = dataclasses.replace(SWING, dropout=dropout)
+        b = jax.tree.map(jnp.asarray, batch())
+        return float(swing_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)[0])
+
+    assert loss(0, 0.0) == loss(1, 0.0)
+    assert loss(0, 0.5) != loss(1, 0.5)
+    assert np.isfinite(loss(0, 1.0))
+
+
+def test_what_is_hidden_from_a_lane_is_as_if_it_were_not_there():
+    """Channels that are kept count 1 / (1 - dropout), the others nothing, in every column and frame."""
+    kept = jnp.asarray(np.array([0.0, 2.0] * (SWING.width // 2), np.float32))
+    frame = jax.tree.map(lambda leaf: jnp.asarray(leaf[0, 0]), batch().frame)
+    start = jax.tree.map(itemgetter(0), carry())
+    config = dataclasses.replace(SWING, layers=0)
+    gates = seen_gates(params(), frame.seen, config=config)
+    masked = swing_step(params(), start, frame, gates, tables=tables(), config=config, kept=kept[None])
+    cut = dict(params())  # what reads the first layer: its mean, its largest, its own gates
+    double = jnp.concatenate([kept, kept])[:, None]
+    cut["all"] = params()["all"] | {"kernel": params()["all"]["kernel"] * double}
+    cut["gates"] = params()["gates"] | {"kernel": params()["gates"]["kernel"] * kept[:, None]}
+    by_weights = swing_step(cut, start, frame, gates, tables=tables(), config=config)
+    np.testing.assert_allclose(masked.h, by_weights.h, atol=1e-5)
