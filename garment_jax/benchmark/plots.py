@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from garment_jax.benchmark.front import pareto_front
 from garment_jax.benchmark.labels import RINGS, place_labels
 from garment_jax.benchmark.records import Records, RowRecord, first_error, is_ours, spread, training_seconds
-from garment_jax.benchmark.tables import PREVIOUS, WITHOUT
+from garment_jax.benchmark.tables import PREVIOUS_STATE
 
 OURS_INK, OTHER_INK, FLOOR_INK = "#c2502e", "#3b6b9e", "#4d7f4d"
 
@@ -163,11 +163,14 @@ def _front_line(points: Sequence[tuple[float, float]], top: float) -> list[tuple
 def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
     """RMSE of the first frames of the rollout, with and without previous state."""
     figure, axes = _figure()
-    shown = False
-    for name, ink in ((PREVIOUS, OURS_INK), (WITHOUT, OTHER_INK)):
-        record = records.named(name)
-        if record is None:
-            continue
+    lines = [
+        (record, ink, dash)
+        for pair, dash in zip(PREVIOUS_STATE, ("-", "--"), strict=True)
+        if records.named(pair[1]) is not None or pair == PREVIOUS_STATE[0]
+        for record, ink in zip(map(records.named, pair), (OURS_INK, OTHER_INK), strict=True)
+        if record is not None
+    ]
+    for record, ink, dash in lines:
         for clip in records.clips:
             found = [(k, first_error(record, k, clip=clip)) for k in lengths]
             found = [(k, f.mean) for k, f in found if f is not None]
@@ -176,7 +179,8 @@ def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
             longest = len(found) == len(lengths)
             axes.plot(
                 *zip(*found, strict=True),
-                "o-",
+                "o",
+                ls=dash,
                 color=ink,
                 lw=1.8 if longest else 0.7,
                 ms=4,
@@ -184,14 +188,13 @@ def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
             )
             k, y = found[-1]
             axes.annotate(clip, (k, y), xytext=(5, 0), textcoords="offset points", fontsize=7, color=ink)
-        axes.plot([], [], color=ink, label=record.row.title)
-        shown = True
+        axes.plot([], [], color=ink, ls=dash, label=record.row.title)
     _floor(axes, records)
     axes.set(xlabel="first frames of the rollout", ylabel="RMSE, cm", xscale="log")
     axes.set_xticks(list(lengths), [str(k) for k in lengths])
     axes.minorticks_off()
     axes.set_ylim(bottom=0)
-    return _svg(figure, axes, empty=not shown)
+    return _svg(figure, axes, empty=not lines)
 
 
 def frame_plot(records: Records) -> str:

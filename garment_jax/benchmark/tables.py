@@ -19,7 +19,7 @@ from garment_jax.benchmark.records import (
 from garment_jax.benchmark.settings import OURS
 
 OPEN = "open"
-PREVIOUS, WITHOUT = "ours", "no_previous_state"
+PREVIOUS_STATE = (("ours", "no_previous_state"), ("ours_swing", "swing_no_previous_state"))  # with, without
 DETAIL_ROWS = ("no_detail", "no_discriminator", "ours")
 COMPARED = ("santesteban_2019", "pan_2022")
 ERRORS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
@@ -123,15 +123,19 @@ def clip_table(records: Records) -> Table:
 
 def previous_state_table(records: Records, lengths: Sequence[int]) -> Table:
     """In the form of the paper's Table 1: error along the rollout with and without previous state."""
-    ours, other = records.named(PREVIOUS), records.named(WITHOUT)
-    a_seeds, b_seeds = common(ours, other)
     rows = []
-    for clip in [*records.clips, ""]:
-        name = clip or "mean of clips so long"
-        for title, record in (("without", other), ("with", ours)):
-            rows.append([f"{name}, {title}", *(_first(record, k, clip) for k in lengths)])
-        pairs = [(_first_spread(a_seeds, k, clip), _first_spread(b_seeds, k, clip)) for k in lengths]
-        rows.append([f"{name}, with ÷ without", *(_dash_ratio(a, b, ours, other) for a, b in pairs)])
+    for with_name, without_name in PREVIOUS_STATE:
+        ours, other = records.named(with_name), records.named(without_name)
+        if with_name != OURS and other is None:
+            continue  # the paper's pair stands open where it is not measured
+        a_seeds, b_seeds = common(ours, other)
+        method = _row_title(records, with_name)
+        for clip in [*records.clips, ""]:
+            name = f"{method}, {clip or 'mean of clips so long'}"
+            for title, record in (("without", other), ("with", ours)):
+                rows.append([f"{name}, {title}", *(_first(record, k, clip) for k in lengths)])
+            pairs = [(_first_spread(a_seeds, k, clip), _first_spread(b_seeds, k, clip)) for k in lengths]
+            rows.append([f"{name}, with ÷ without", *(_dash_ratio(a, b, ours, other) for a, b in pairs)])
     for motion, known in paper.PREVIOUS_STATE.items():
         rows.append([f"paper, {motion}, with ÷ without", *(number(known.get(k), ".3f") for k in lengths)])
     note = "RMSE in cm of a rollout's first frames. A dash: the clip is shorter. "

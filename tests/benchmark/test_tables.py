@@ -53,11 +53,23 @@ def test_seeds_give_mean_and_deviation(tmp_path: Path) -> None:
 def test_previous_state_by_clip_and_length(tmp_path: Path) -> None:
     table = previous_state_table(measured(tmp_path, "ours", "no_previous_state", seeds=1), (5, 12))
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["tango_1, with"] == ["1.000", "1.000"]
-    assert rows["tango_1, with ÷ without"] == ["0.500", "0.500"]
-    assert rows["tango_2, without"] == ["3.000", "–"]  # 10 frames are no 12
-    assert rows["tango_2, with ÷ without"] == ["0.667", "–"]
-    assert rows["mean of clips so long, with"] == ["1.500", "1.000"]
+    assert rows["ours & all, tango_1, with"] == ["1.000", "1.000"]
+    assert rows["ours & all, tango_1, with ÷ without"] == ["0.500", "0.500"]
+    assert rows["ours & all, tango_2, without"] == ["3.000", "–"]  # 10 frames are no 12
+    assert rows["ours & all, tango_2, with ÷ without"] == ["0.667", "–"]
+    assert rows["ours & all, mean of clips so long, with"] == ["1.500", "1.000"]
+    assert not any(name.startswith("ours_swing") for name in rows)  # not measured
+    text = TEXT + "".join(
+        f'[[row]]\nname = "{name}"\ntitle = "{name}"\ngroup = "main"\nset.motion.gru = {k}\n'
+        for k, name in enumerate(("ours_swing", "swing_no_previous_state"), start=90)
+    )
+    plan = make_plan(tmp_path, text)
+    for row in plan.settings.rows[-1:]:  # without: alone it is shown as well
+        finish(plan, plan.train_job(row, 0))
+        finish(plan, plan.roll_job(row, 0))
+    rows = {row[0]: row[1:] for row in previous_state_table(gather(plan), (5, 12)).rows}
+    assert rows["ours_swing, tango_1, with"] == [OPEN, OPEN]
+    assert rows["ours_swing, tango_1, without"][0] != OPEN
     assert rows["paper, walk, with ÷ without"] == [OPEN, OPEN]  # it has 100, 500 and 1200
 
 
