@@ -124,6 +124,7 @@ class SwingConfig:
     layers: int = 0  # further convolutions before the recurrence, and as many after it
     previous_state: bool = True  # the cells of the last frame are seen; false is the ablation
     dropout: float = 0.0  # part of the first layer hidden from a lane for a window
+    motion_noise: float = 0.0  # on what a column sees of the motion (of scale 1), of a lane for a window
     noise: float = 0.01  # metres; noise on true starts while training
     window: int = 30  # frames of truncated back-propagation
     lanes: int = 32  # clips trained side by side
@@ -307,15 +308,16 @@ def to_toml(config: Config) -> str:
 def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
-    What came later (baselines, decomposition, skin_reach, swing and its layers, previous_state and dropout,
-    lengths, gain, begin_from) counts where it differs from the defaults, so that older hashes hold.
+    What came later (baselines, decomposition, skin_reach, swing and its layers, previous_state, dropout and
+    motion_noise, lengths, gain, begin_from) counts where it differs from the defaults, so that older hashes
+    hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
         del values["baselines"]
     if config.swing == SwingConfig():
         del values["swing"]
-    for key in ("layers", "previous_state", "dropout") if "swing" in values else ():
+    for key in ("layers", "previous_state", "dropout", "motion_noise") if "swing" in values else ():
         if getattr(config.swing, key) == getattr(SwingConfig(), key):
             del values["swing"][key]
     for key in ("decomposition", "skin_reach"):

@@ -54,12 +54,16 @@ def swing_loss(
     Of the cells' places and of their movements, a cell counting by the vertices that it holds. A root for
     each lane and frame: a lane that has lost its folds does not drown the others.
     """
-    start_key, drop_key = jax.random.split(key) if config.dropout else (key, key)
-    begun, kept = begin_lanes(start_key, carry, batch, config), None
+    plain = not (config.dropout or config.motion_noise)  # then as ever, number for number
+    start_key, drop_key, noise_key = (key, key, key) if plain else jax.random.split(key, 3)
+    begun, kept, frame = begin_lanes(start_key, carry, batch, config), None, batch.frame
     if config.dropout:
         stays = 1.0 - config.dropout
         kept = jax.random.bernoulli(drop_key, stays, (len(batch.fresh), 1, config.width)) / max(stays, 1e-3)
-    carry, X = roll_swing(params, begun, batch.frame, tables=tables, config=config, kept=kept)
+    if config.motion_noise:  # one draw for all frames: noise that changed would look like movement
+        noise = config.motion_noise * jax.random.normal(noise_key, frame.seen.shape[1:])
+        frame = frame._replace(seen=frame.seen + jnp.broadcast_to(noise, frame.seen.shape))
+    carry, X = roll_swing(params, begun, frame, tables=tables, config=config, kept=kept)
     E = X - batch.X_star
 
     def rooted(E: jax.Array) -> jax.Array:

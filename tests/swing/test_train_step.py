@@ -87,15 +87,17 @@ def test_it_overfits_one_batch():
     assert int(state.step) == 200
 
 
-def test_dropout_hides_a_part_of_the_first_layer_for_a_window():
-    def loss(key: int, dropout: float) -> float:
-        config = dataclasses.replace(SWING, dropout=dropout)
+def test_dropout_and_noise_differ_from_window_to_window():
+    def loss(key: int, dropout: float, noise: float = 0.0) -> float:
+        config = dataclasses.replace(SWING, dropout=dropout, motion_noise=noise)
         b = jax.tree.map(jnp.asarray, batch())
         return float(swing_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)[0])
 
     assert loss(0, 0.0) == loss(1, 0.0)
     assert loss(0, 0.5) != loss(1, 0.5)
     assert np.isfinite(loss(0, 1.0))
+    assert loss(0, 0.0, 0.1) != loss(1, 0.0, 0.1)
+    assert loss(0, 0.0, 1e-5) == pytest.approx(loss(0, 0.0), rel=1e-3)
 
 
 def test_what_is_hidden_from_a_lane_is_as_if_it_were_not_there():
