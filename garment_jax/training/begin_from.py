@@ -46,11 +46,10 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
     if not folder:
         return None
     model, parts = load_model(folder, leave_out=PARTS), model_facts(folder).parts
-    swings = bool(config.swing.steps) and "swing" in parts  # where it has none, the run begins a fresh one
     here, there = to_dict(config), to_dict(model.config)
     pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
-    for section in ("body", "uv", *stages, *(["swing"] if swings else [])):
+    for section in ("body", "uv", *stages):  # another swing begins afresh, see `other_ring`
         pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in _ALIKE[section]]
     for name, theirs, ours in pairs:
         if theirs != ours:
@@ -86,6 +85,16 @@ def begun_from(folder: str, part: str, fresh: dict) -> dict:
 def has_part(folder: str, part: str) -> bool:
     """Return whether the saved model in `folder` has the parameters `part`; no folder has none."""
     return bool(folder) and part in model_facts(folder).parts
+
+
+def other_ring(folder: str, config: Config) -> str:
+    """Return how the swing of the saved model in `folder` is made otherwise than `config`'s, in words.
+
+    Empty where both are alike: then training goes on from it.
+    """
+    theirs, ours = load_model(folder, leave_out=PARTS).config.swing, config.swing
+    pairs = [(key, getattr(theirs, key), getattr(ours, key)) for key in _ALIKE["swing"]]
+    return ", ".join(f"{key} {there}, not {here}" for key, there, here in pairs if there != here)
 
 
 def begun_model(folder: str, run_dir: Path) -> Model:

@@ -15,7 +15,7 @@ from garment_jax.swing.motion import SwingFrame, swing_frames
 from garment_jax.swing.network import at_rest, cells_of, init_swing
 from garment_jax.swing.tables import SwingTables, make_swing_tables
 from garment_jax.swing.train_step import SwingBatch, make_swing_train_step
-from garment_jax.training.begin_from import begun_from, has_part
+from garment_jax.training.begin_from import begun_from, has_part, other_ring
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
 
@@ -55,8 +55,12 @@ def train_swing(run: Run) -> dict:
 
     def begin(optimiser) -> TrainState:
         params = init_swing(jax.random.key(seed + 7), config=config)
-        if has_part(run.config.training.begin_from, "swing"):
-            params = begun_from(run.config.training.begin_from, "swing", params)
+        folder = run.config.training.begin_from
+        if has_part(folder, "swing"):
+            if other := other_ring(folder, run.config):
+                say(f"swing: begins afresh, for that of {folder} has {other}")
+            else:
+                params = begun_from(folder, "swing", params)
         carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
         return TrainState(params, optimiser.init(params), jax.random.key(seed + 8), jnp.int32(0), carry)
 
