@@ -187,7 +187,7 @@ def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
                 alpha=1 if longest else 0.45,
             )
             k, y = found[-1]
-            if record is lines[0][0]:  # two pairs' names lie on each other
+            if dash == "-":  # the second pair's names would lie on the first's
                 axes.annotate(clip, (k, y), xytext=(5, 0), textcoords="offset points", fontsize=7, color=ink)
         axes.plot([], [], color=ink, ls=dash, label=record.row.title)
     _floor(axes, records)

@@ -192,11 +192,13 @@ def vto_table(command: str) -> Table:
 def ratio_table(records: Records, reference: str) -> Table:
     """The reference divided by every other rollout row; by those of ours, that which they are taken from."""
     ours, plain = records.named(reference), records.named(OURS) or records.named(reference)
+    whole = {without: records.named(name) for name, without in PREVIOUS_STATE}
     rows = []
     for r in (r for r in records.rows if r.row.name != reference and not _rebuilds(r)):
         top = plain if is_ours(r) and r.row.name != OURS else ours
-        rows.append([_title(r), *_ratios(top, records.named(r.row.name))])
-    note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' divided."
+        rows.append([_title(r), *_ratios(whole.get(r.row.name) or top, records.named(r.row.name))])
+    note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' "
+    note += "divided; of the swing's, the row with the swing."
     return Table("Ours ÷ other", ["other", "RMSE", "Hausdorff", "STED"], rows, note)
 
 

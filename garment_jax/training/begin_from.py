@@ -33,6 +33,7 @@ class Beginning(NamedTuple):
 
     statistics: Statistics  # that it normalises by: its parameters mean nothing by other numbers
     digest: str  # of its parameters, by which a run knows it again
+    other_ring: str  # as `other_ring` has it, where the run trains a swing
 
 
 def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None:
@@ -40,7 +41,7 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
 
     Raises `FileNotFoundError` or `ValueError` for a folder without a model, and `ValueError` for a model
     of another garment than that with the hash `garment`, of another frame rate, of other networks or motion
-    features, or without a stage that is to be trained.
+    features, or without a stage that is to be trained. A swing of other sizes, or none, is no error.
     """
     folder = config.training.begin_from
     if not folder:
@@ -63,7 +64,8 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
                 f"training.begin_from: the model in {folder} has no {stage} stage; begin afresh"
                 f"{', or set detail.steps = 0' if stage == 'detail' else ''}."
             )
-    return Beginning(model.statistics, _digest(folder))
+    ring = other_ring(folder, config) if config.swing.steps and "swing" in parts else ""
+    return Beginning(model.statistics, _digest(folder), ring)
 
 
 def begun_from(folder: str, part: str, fresh: dict) -> dict:

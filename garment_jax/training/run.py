@@ -19,7 +19,7 @@ from garment_jax.training.begin_from import find_beginning
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import run_stage
-from garment_jax.training.run_directory import check_run, prepare_run
+from garment_jax.training.run_directory import FACTS_NAME, check_run, prepare_run
 
 
 class Run(NamedTuple):
@@ -56,6 +56,11 @@ def open_run(
         beginning = find_beginning(config, facts["garment"], first.fps)
     if beginning is not None:  # the folder may hold another model tomorrow
         facts["begin_from"] = beginning.digest
+        if beginning.other_ring and not (folder / FACTS_NAME).is_file():
+            say(
+                f"swing: begins afresh, for that of {config.training.begin_from} has {beginning.other_ring}; "
+                "to go on from it take the [swing] values of its config.toml"
+            )
     check_run(folder, config, facts=facts)  # before another run's cache is written into
     data = prepare(data_dir, config, folder / "cache", unposed=unposed)
     if beginning is not None:

@@ -56,11 +56,8 @@ def train_swing(run: Run) -> dict:
     def begin(optimiser) -> TrainState:
         params = init_swing(jax.random.key(seed + 7), config=config)
         folder = run.config.training.begin_from
-        if has_part(folder, "swing"):
-            if other := other_ring(folder, run.config):
-                say(f"swing: begins afresh, for that of {folder} has {other}")
-            else:
-                params = begun_from(folder, "swing", params)
+        if has_part(folder, "swing") and not other_ring(folder, run.config):
+            params = begun_from(folder, "swing", params)
         carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
         return TrainState(params, optimiser.init(params), jax.random.key(seed + 8), jnp.int32(0), carry)
 

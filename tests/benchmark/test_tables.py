@@ -8,6 +8,7 @@ import pytest
 from garment_jax.benchmark import paper
 from garment_jax.benchmark.measuring import first_errors, mean_of
 from garment_jax.benchmark.page import table_html
+from garment_jax.benchmark.plots import rollout_plot
 from garment_jax.benchmark.records import Records, gather, of_seeds, read_floor, spread
 from garment_jax.benchmark.tables import (
     OPEN,
@@ -15,6 +16,8 @@ from garment_jax.benchmark.tables import (
     comparison_table,
     error_table,
     previous_state_table,
+    ratio,
+    ratio_table,
     to_markdown,
 )
 from tests.benchmark.made import TEXT, finish, make_plan
@@ -70,6 +73,19 @@ def test_previous_state_by_clip_and_length(tmp_path: Path) -> None:
     rows = {row[0]: row[1:] for row in previous_state_table(gather(plan), (5, 12)).rows}
     assert rows["ours_swing, tango_1, with"] == [OPEN, OPEN]
     assert rows["ours_swing, tango_1, without"][0] != OPEN
+    row = plan.settings.rows[-2]
+    finish(plan, plan.train_job(row, 0))
+    finish(plan, plan.roll_job(row, 0))
+    records = gather(plan)
+    rows = {row[0]: row[1:] for row in previous_state_table(records, (5, 12)).rows}
+    top, below = (float(rows[f"ours_swing, tango_1, {name}"][0]) for name in ("with", "without"))
+    assert rows["ours_swing, tango_1, with ÷ without"][0] == f"{top / below:.3f}"
+    ratios = {row[0]: row[1:] for row in ratio_table(records, "ours_swing").rows}
+    means = [spread(records.named(name), "rmse_cm") for name in ("ours_swing", "swing_no_previous_state")]
+    assert ratios["swing_no_previous_state"][0] == ratio(*means)  # of the swing's, not of ours
+    drawn = rollout_plot(records, (5, 12))
+    assert drawn.count("<!-- swing_no_previous_state -->") == 1
+    assert drawn.count("<!-- tango_1 -->") == 2  # names stand at the first pair alone
     assert rows["paper, walk, with ÷ without"] == [OPEN, OPEN]  # it has 100, 500 and 1200
 
 

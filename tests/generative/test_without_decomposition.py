@@ -75,3 +75,17 @@ def test_hashes_from_before_the_key_hold() -> None:
     changes = ("--generative.decomposition=false", "--baselines.bones=7", "--swing.steps=7")
     for change in (*changes, "--rollout.gain=1.06", "--training.begin_from=models/skirt"):
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())
+
+
+def test_hashes_of_swings_from_before_their_keys_hold() -> None:
+    swings = apply_overrides(Config(), ["--swing.steps=7"])
+    older = to_dict(swings)
+    for key in ("layers", "previous_state", "dropout", "motion_noise"):
+        del older["swing"][key]
+    del older["generative"]["decomposition"], older["generative"]["skin_reach"]
+    del older["baselines"], older["training"]["begin_from"]
+    del older["rollout"]["lengths"], older["rollout"]["swing"], older["rollout"]["gain"]
+    text = json.dumps(older, sort_keys=True).encode()
+    assert content_hash(swings) == hashlib.sha256(text).hexdigest()[:16]
+    for change in ("layers=1", "previous_state=false", "dropout=0.1", "motion_noise=0.1"):
+        assert content_hash(apply_overrides(swings, [f"--swing.{change}"])) != content_hash(swings)

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.config import SwingConfig
-from garment_jax.swing.motion import SwingFrame
+from garment_jax.motion.network import gru_step
+from garment_jax.swing.motion import MOVED, SwingFrame
 from garment_jax.swing.network import (
     SwingCarry,
     at_rest,
@@ -143,7 +144,25 @@ def test_further_convolutions_are_added_around_the_recurrence():
     X = y @ np.asarray(params()["out"]["kernel"]) + np.asarray(params()["out"]["bias"])
     X = X.reshape(last.X.shape) * tables().scale + tables().typical
     np.testing.assert_allclose(last.X, X, atol=1e-5)
-    assert np.abs(after(params(), SWING).h - fewer.h).max() > 1e-3
+    # the one before, by the carry it makes: the same carry from a first layer to which it was added by hand
+    first = {"kernel": without["state"]["kernel"], "bias": without["seen"]["bias"]}
+    flat = (SWING.columns, 3 * SWING.rows)
+    hung = np.asarray(turned(carry.X, frame.turn) - frame.way[..., None, :])
+    place = ((hung - tables().typical) / tables().scale).reshape(flat)
+    moved = np.asarray(turned(carry.moved, frame.turn)).reshape(flat) / MOVED
+    state = np.concatenate([np.clip(x, -6, 6) for x in (place, moved)] + [np.asarray(carry.h)], axis=-1)
+    seen = {"kernel": without["seen"]["kernel"], "bias": 0 * first["bias"]}
+    u = np.asarray(jax.nn.gelu(neighbours(first, state) + neighbours(seen, np.asarray(frame.seen))))
+    u = np.asarray(u + jax.nn.gelu(neighbours(params()["before_0"], u)))
+    everywhere = np.concatenate([u.mean(axis=0), u.max(axis=0)]) @ np.asarray(without["all"]["kernel"])
+    everywhere = np.asarray(jax.nn.gelu(everywhere + np.asarray(without["all"]["bias"])))
+    into = u @ np.asarray(without["gates"]["kernel"]) + np.asarray(without["gates"]["bias"])
+    into = into + everywhere @ np.asarray(without["gates_all"]["kernel"])
+    h = gru_step({"gru_h": without["gates_h"]}, carry.h, jnp.asarray(into, jnp.float32))
+    np.testing.assert_allclose(after(params(), SWING).h, h, atol=1e-5)
+    twice = params() | {name.replace("0", "1"): part for name, part in none.items()}
+    for a, b in zip(after(twice, dataclasses.replace(SWING, layers=2)), after(params(), SWING), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def neighbours(layer: dict, x: np.ndarray) -> np.ndarray:

@@ -11,7 +11,8 @@ import pytest
 
 from garment_jax.config import TrainingConfig
 from garment_jax.structs import TrainState
-from garment_jax.swing.network import SwingCarry, seen_gates, swing_step
+from garment_jax.swing import train_step
+from garment_jax.swing.network import SwingCarry, roll_swing, seen_gates, swing_step
 from garment_jax.swing.train_step import SwingBatch, begin_lanes, make_swing_train_step, swing_loss
 from garment_jax.training.optimiser import make_optimiser
 from tests.reference.tiny_swing import SWING, frames, params, tables
@@ -87,21 +88,53 @@ def test_it_overfits_one_batch():
     assert int(state.step) == 200
 
 
-def test_dropout_and_noise_differ_from_window_to_window():
-    def loss(key: int, dropout: float, noise: float = 0.0) -> float:
-        config = dataclasses.replace(SWING, dropout=dropout, motion_noise=noise)
-        b = jax.tree.map(jnp.asarray, batch())
-        return float(swing_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)[0])
+def seen_by_the_ring(monkeypatch: pytest.MonkeyPatch, key: int, **changes: float) -> tuple:
+    """Return the start, the frames and what is kept of the first layer, as `swing_loss` rolls them out."""
+    caught: list = []
 
-    assert loss(0, 0.0) == loss(1, 0.0)
-    assert loss(0, 0.5) != loss(1, 0.5)
-    assert np.isfinite(loss(0, 1.0))
-    assert loss(0, 0.0, 0.1) != loss(1, 0.0, 0.1)
-    assert loss(0, 0.0, 1e-5) == pytest.approx(loss(0, 0.0), rel=1e-3)
+    def caught_and_rolled(p, start, frame, *, tables, config, kept):
+        caught.append((start, frame, kept))
+        return roll_swing(p, start, frame, tables=tables, config=config, kept=kept)
+
+    monkeypatch.setattr(train_step, "roll_swing", caught_and_rolled)
+    config = dataclasses.replace(SWING, **changes)
+    b = jax.tree.map(jnp.asarray, batch(noisy=True))
+    loss, _ = swing_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)
+    assert np.isfinite(loss)
+    return caught[0]
+
+
+def test_a_window_without_dropout_and_noise_is_as_ever(monkeypatch: pytest.MonkeyPatch):
+    start, frame, kept = seen_by_the_ring(monkeypatch, 5)
+    for mine, known in zip(
+        start, begin_lanes(jax.random.key(5), carry(), batch(noisy=True), SWING), strict=True
+    ):
+        np.testing.assert_array_equal(mine, known)
+    np.testing.assert_array_equal(frame.seen, batch().frame.seen)
+    assert kept is None
+
+
+def test_dropout_hides_channels_of_a_lane_in_every_column_and_frame(monkeypatch: pytest.MonkeyPatch):
+    kept = np.asarray(seen_by_the_ring(monkeypatch, 0, dropout=0.5)[2])
+    assert kept.shape == (L, 1, SWING.width)  # of all columns, and of all frames: there is no axis for them
+    assert set(np.unique(kept)) == {0.0, 2.0}
+    assert not np.array_equal(kept[0], kept[1])
+    assert not np.array_equal(kept, seen_by_the_ring(monkeypatch, 1, dropout=0.5)[2])
+    assert not np.asarray(seen_by_the_ring(monkeypatch, 0, dropout=1.0)[2]).any()
+
+
+def test_noise_on_the_motion_is_one_draw_for_a_window(monkeypatch: pytest.MonkeyPatch):
+    frame = seen_by_the_ring(monkeypatch, 0, motion_noise=0.1)[1]
+    noise = np.asarray(frame.seen - batch().frame.seen)
+    np.testing.assert_allclose(noise, noise[:1] + 0 * noise, atol=1e-5)
+    assert noise[0].std() == pytest.approx(0.1, rel=0.1)
+    assert abs(np.corrcoef(noise[0, 0].ravel(), noise[0, 1].ravel())[0, 1]) < 0.3
+    for name in ("way", "turn", "anchor"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(batch().frame, name))
 
 
 def test_what_is_hidden_from_a_lane_is_as_if_it_were_not_there():
-    """Channels that are kept count 1 / (1 - dropout), the others nothing, in every column and frame."""
+    """What reads the first layer sees the channels kept as often as `kept` says, in every column."""
     kept = jnp.asarray(np.array([0.0, 2.0] * (SWING.width // 2), np.float32))
     frame = jax.tree.map(lambda leaf: jnp.asarray(leaf[0, 0]), batch().frame)
     start = jax.tree.map(itemgetter(0), carry())

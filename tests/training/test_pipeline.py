@@ -176,7 +176,10 @@ def test_the_swing_alone_is_trained_beside_a_saved_model(
     jax.tree.map(np.testing.assert_array_equal, begun[0].params, swinging_model().params["swing"])
     wide = replace(beside, swing=replace(SWING, hidden=7))
     train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
-    assert f"begins afresh, for that of {codes} has hidden 6, not 7" in capsys.readouterr().err
+    said = f"begins afresh, for that of {codes} has hidden 6, not 7; to go on from it take the [swing]"
+    assert said in capsys.readouterr().err
+    train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
+    assert said not in capsys.readouterr().err  # once: now the run is there
     assert begun[-1].params["gates_h"]["kernel"].shape == (7, 21)
     long = replace(CONFIG, swing=replace(SWING, window=999))
     with pytest.raises(ValueError, match=r"swing\.window = 999 frames, but the longest training clip has"):
