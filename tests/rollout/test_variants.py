@@ -3,12 +3,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
 import pytest
 
 from garment_jax.generative.network import decode
+from garment_jax.rollout import calibration
 from garment_jax.rollout.calibration import _path, frame_times
 from garment_jax.rollout.variants import (
     FILE,
@@ -20,6 +22,7 @@ from garment_jax.rollout.variants import (
     variants_of,
     with_rank,
 )
+from garment_jax.structs import Motion
 from tests.reference.scene import make_motion
 from tests.rollout.tiny_model import CONFIG, SCENE, template, tiny_model
 
@@ -147,3 +150,33 @@ def test_times_of_one_garment_are_not_anothers(tmp_path: Path):
     model = tiny_model()
     others = (model._replace(vertices=3000), model._replace(garment_hash="another"))
     assert len({_path(tmp_path, m, SCENE) for m in (model, *others)}) == 3
+
+
+def test_time_is_measured_in_the_middle_of_a_rollout(monkeypatch: pytest.MonkeyPatch):
+    """Chunks that were made ahead while the first one compiled, and the last ones, take no part."""
+    seconds = [50.0, 0.1, 0.1, 0.1, *[3.2] * 6, 0.1, 0.1]
+    clock, asked = [0.0], []
+
+    def animator(model, scene, *, detail, collision, store):
+        def run(motion: Motion):
+            asked.append(motion)
+            for k, took in enumerate(seconds):
+                clock[0] += took
+                yield FakePiece(motion.root[32 * k : 32 * (k + 1)])
+
+        return run
+
+    monkeypatch.setattr(calibration, "make_animator", animator)
+    monkeypatch.setattr(calibration.time, "perf_counter", lambda: clock[0])
+    short = make_motion(SCENE, 5)
+    assert calibration.measured_ms(tiny_model(), SCENE, short, Variant()) == pytest.approx(100.0)
+    assert len(asked[0].root) == 32 * len(seconds)
+    there = [0, 1, 2, 3, 4, 3, 2, 1, 0, 1]  # a short motion goes to and fro, it does not stand still
+    np.testing.assert_array_equal(asked[0].root[:10], short.root[there])
+    single = short._replace(root=short.root[:1], rotations=short.rotations[:1])
+    calibration.measured_ms(tiny_model(), SCENE, single, Variant())
+    np.testing.assert_array_equal(asked[1].root, np.repeat(single.root, len(asked[1].root), axis=0))
+
+
+class FakePiece(NamedTuple):
+    V: np.ndarray
