@@ -172,7 +172,8 @@ class Plan:
     def _beside(self, row: Row) -> list[Job]:
         """Return what is measured once a row: run time of rollouts, the latent space of the reference."""
         jobs = [] if is_reconstruction(row) else [self.time_job(row)]
-        return [*jobs, self.latent_job(row)] if row.name == self.settings.reference else jobs
+        ours = row.name == self.settings.reference and row.method == OURS  # others have no such space
+        return [*jobs, self.latent_job(row)] if ours else jobs
 
     def _rolled(self, row: Row, seed: int) -> Any:
         """Return what a rollout depends on beside the trained run."""
