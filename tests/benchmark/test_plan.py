@@ -134,7 +134,7 @@ def test_only_some_rows(tmp_path: Path) -> None:
     assert [(job.kind, job.row) for job in plan.jobs()] == [
         (k, "skinned_template") for k in ("train", "roll", "time")
     ]
-    reference = TEXT.replace('every = 6', 'every = 6\nreference = "skinned_template"')
+    reference = TEXT.replace("every = 6", 'every = 6\nreference = "skinned_template"')
     plan = make_plan(tmp_path, reference, only=["skinned_template"])  # it has no latent space
     assert [job.kind for job in plan.jobs()] == ["train", "roll", "time"]
     with pytest.raises(ValueError, match="--only: unknown row 'x'; known are ours"):
