@@ -319,6 +319,9 @@ def test_a_budget_without_the_swing_chooses_among_variants_without(
     said = " ".join(capsys.readouterr().out.split())
     assert "budget 9 ms: no swing," in said
     assert "swing off - not wanted: codes alone move the cloth" in said
+    asked = [*words, "9", "--no-swing", "--no-detail"]  # "codes alone" would leave collisions unhandled
+    sentence = refused(call(infer, asked, monkeypatch), capsys.readouterr())
+    assert "no variant without just the swing and detail has been measured" in sentence
 
 
 def test_an_output_or_a_plan_must_be_asked_for(model, clip, monkeypatch, capsys):

@@ -9,7 +9,7 @@ import numpy as np
 
 from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
-from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.template import scene_template
 from garment_jax.rollout.animate import FPS_TOLERANCE
 from garment_jax.rollout.finish import Chunk, Finish, make_finisher
@@ -69,7 +69,7 @@ def make_runner(
 
     def compiled(scene: Scene, name: str) -> _Compiled:
         """Programs are compiled once for a scene, whatever the clips."""
-        key = scene_hash(scene)
+        key = rollout_hash(scene)
         if key not in known:
             template = scene_template(scene, model.statistics, config)
             finish = make_finisher(config, scene, template, collision=collision is not None)

@@ -13,7 +13,7 @@ from garment_jax.benchmark.settings import OURS, Row
 from garment_jax.benchmark.sharing import share_stages
 from garment_jax.body.root_frame import from_root, to_root
 from garment_jax.config import Config
-from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.motion_input import motion_input
 from garment_jax.generative.canonical import posed, unposed
@@ -83,7 +83,7 @@ def _animate(model: Model, row: Row) -> Callable[[Scene, Motion, str], Iterator[
     made: dict[str, Animator] = {}  # the test clips share a scene: compiled once
 
     def run(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
-        key = scene_hash(scene)
+        key = rollout_hash(scene)
         if key not in made:
             made[key] = make_animator(model, scene, detail=row.detail, collision=row.collision, name=name)
         return made[key](motion, name=name)

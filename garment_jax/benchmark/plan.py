@@ -110,7 +110,7 @@ class Plan:
             timing.frames,
             timing.steps,
             timing.batch,
-            {"chunk": self.loaded.base.rollout.chunk},
+            {"chunk": self.config(row, seed).rollout.chunk},
         ]
         return train._replace(kind=TIME, done=self._result(row, seed, TIME, parts))
 

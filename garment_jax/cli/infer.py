@@ -155,10 +155,20 @@ def _within(
 
 
 def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
-    """Return the measured variants that leave out all that the plan leaves out."""
+    """Return the measured variants that leave out all that the plan leaves out.
+
+    Raises `ValueError` where none leaves out no more: collisions would be left unhandled for no lack of time.
+    """
     from garment_jax.rollout.variants import stored_variants
 
-    rows = stored_variants(path)[0]
+    rows, wanted = stored_variants(path)[0], (plan.swing, plan.detail, plan.collision)
+    if wanted not in [(row.variant.swing, row.variant.detail, row.variant.collision) for row in rows]:
+        names = zip(("the swing", "detail", "collision handling"), wanted, strict=True)
+        left_out = " and ".join(name for name, kept in names if not kept)
+        raise ValueError(
+            f"--budget-ms: of {path} no variant without just {left_out} has been measured, so its error "
+            "is not known; leave one of them in, or --budget-ms out."
+        )
     return [
         row
         for row in rows

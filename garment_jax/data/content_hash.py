@@ -27,6 +27,20 @@ def scene_hash(scene: Scene) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def rollout_hash(scene: Scene) -> str:
+    """Return 16 hexadecimal digits that change with all that a rollout is made of: pins and collider, too."""
+    parts = [scene_hash(scene)]
+    parts += [
+        "" if part is None else _digest(part._asdict().items()) for part in (scene.pins, scene.collider)
+    ]
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
+
+
+def mesh_hash(body: RiggedBody) -> str:
+    """Return 16 hexadecimal digits that bodies share whose vertices have the same numbers."""
+    return _digest([("vertices", np.array(len(body.vertices))), ("faces", body.faces)])
+
+
 def _digest(items: Iterable[tuple[str, object]]) -> str:
     """Hash names, shapes and values in fixed types: int64 and int32 copies of a mesh are the same mesh."""
     digest = hashlib.sha256()

@@ -26,7 +26,7 @@ from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.template import STD_FLOOR, Statistics, canonical_weights
-from garment_jax.data.validation import check_clip, check_input, check_same_garment
+from garment_jax.data.validation import check_clip, check_input, check_same_attachment, check_same_garment
 from garment_jax.geometry.skinning import unskin_fixed_point, unskin_frames
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.structs import Motion, Scene
@@ -101,6 +101,7 @@ def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = 
                 raise ValueError(
                     f"{sequence.name} has another body than {garment_name}; train on the clips of one body."
                 )
+            check_same_attachment(scene, sequence.scene, names=(garment_name, sequence.name))
             if sequence.fps != fps:
                 raise ValueError(
                     f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one."

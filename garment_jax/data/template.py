@@ -24,6 +24,34 @@ class Statistics(NamedTuple):
     motion_high: np.ndarray  # [d] largest value seen in training
 
 
+class SeenBody(NamedTuple):
+    """Where a swing looks at the body: vertices of the collider that it was trained with; kept beside it.
+
+    Another collider reaches elsewhere: with the arms in it, which hang beside a skirt, a swing that had
+    learnt without them erred by more than the codes that it corrects.
+    """
+
+    mesh: str  # `mesh_hash` of the body that they are numbers of
+    vertices: np.ndarray  # [q] int32
+    cap_loop: np.ndarray  # [k] int32 whose mean is looked at as well, as of a collider; may be empty
+
+    def described(self) -> dict[str, Any]:
+        """Return values of JSON, from which `read_seen_body` makes it again."""
+        return {
+            "mesh": self.mesh,
+            "vertices": self.vertices.tolist(),
+            "cap_loop": self.cap_loop.tolist(),
+        }
+
+
+def read_seen_body(described: dict[str, Any] | None) -> SeenBody | None:
+    """Return what `SeenBody.described` gave; None for None, of models that are older."""
+    if described is None:
+        return None
+    points = (np.array(described[key], np.int32) for key in ("vertices", "cap_loop"))
+    return SeenBody(described["mesh"], *points)
+
+
 class Template(NamedTuple):
     """A garment as the networks see it (static)."""
 

@@ -124,6 +124,17 @@ def check_moves(motion: Motion, name: str) -> None:
         raise ValueError(f"{name} is static: its {len(R)} frames hold one pose; leave it out.")
 
 
+def check_same_attachment(a: Scene, b: Scene, *, names: tuple[str, str]) -> None:
+    """Raise ValueError unless two clips have the same pins (weights to 1e-4) and the same collider."""
+    for what, one, other in (("other pins", a.pins, b.pins), ("another collider", a.collider, b.collider)):
+        pairs = list(zip(one or (), other or (), strict=False))
+        same = all(x.shape == y.shape and np.allclose(x, y, rtol=0.0, atol=1e-4) for x, y in pairs)
+        if not same or (one is None) != (other is None):
+            raise ValueError(
+                f"{names[1]} has {what} than {names[0]}; import the clips of one training the same way."
+            )
+
+
 def check_same_garment(a: Garment, b: Garment, *, names: tuple[str, str] = ("model", "clip")) -> None:
     """Raise ValueError unless two garments are one: vertices, faces, UVs and template (0.1 mm)."""
     one, other = names

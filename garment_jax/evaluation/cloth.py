@@ -105,7 +105,7 @@ def laplacian_power(V: np.ndarray, spectrum: Spectrum) -> np.ndarray:
     This is the "high-frequency power": the uniform Laplacian weighs a wave of length w by 1 / w^4.
     `V` `[t, n, 3]` metres.
     """
-    return (_interior_laplacian(V, spectrum) ** 2).sum(axis=-1).mean(axis=0)
+    return _mean_over_vertices((_interior_laplacian(V, spectrum) ** 2).sum(axis=-1))
 
 
 def whole_laplacian_power(V: np.ndarray, spectrum: Spectrum) -> np.ndarray:
@@ -141,6 +141,11 @@ def band_power(V: np.ndarray, spectrum: Spectrum) -> np.ndarray:
         for _ in range(count):
             y = spectrum.smooth @ y
         y = y.reshape(k, t, 3)
-        powers.append(((x - y) ** 2).sum(axis=-1).mean(axis=0))
+        powers.append(_mean_over_vertices(((x - y) ** 2).sum(axis=-1)))
         x = y
-    return np.stack([*powers, (x**2).sum(axis=-1).mean(axis=0)])
+    return np.stack([*powers, _mean_over_vertices((x**2).sum(axis=-1))])
+
+
+def _mean_over_vertices(power: np.ndarray) -> np.ndarray:
+    """Return the mean over `[k, t]` vertices, 0 where there are none: a strip of cloth is all boundary."""
+    return power.mean(axis=0) if len(power) else np.zeros(power.shape[1])

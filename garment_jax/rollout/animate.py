@@ -12,7 +12,7 @@ import numpy as np
 
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
-from garment_jax.data.content_hash import scene_hash
+from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.replaceable import check_animation_out
 from garment_jax.data.sequence import Sequence, open_sequence
@@ -74,7 +74,11 @@ def make_animator(
     """
     template, seeds = template_for(model, scene, name)
     programs = store or ProgramStore(None)
-    facts = {"scene": scene_hash(scene), "model": repr(model.config), "statistics": _digits(model.statistics)}
+    facts = {
+        "scene": rollout_hash(scene),
+        "model": repr(model.config),
+        "statistics": _digits(model.statistics),
+    }
     finish = make_finisher(
         model.config,
         scene,

@@ -14,10 +14,10 @@ import numpy as np
 
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config, from_dict, load_config, to_toml
-from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.content_hash import garment_hash, mesh_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.start import make_start
-from garment_jax.data.template import Statistics, Template, scene_template
+from garment_jax.data.template import SeenBody, Statistics, Template, read_seen_body, scene_template
 from garment_jax.rollout.model_folder import FACTS, check_replaceable, written_together
 from garment_jax.structs import Motion, Scene
 
@@ -31,6 +31,7 @@ class Model(NamedTuple):
     garment_hash: str
     vertices: int
     fps: float
+    seen: SeenBody | None = None  # of the swing; None: the collider of the clip, as before there was this
 
 
 class ModelFacts(NamedTuple):
@@ -73,8 +74,11 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
     if "swing" in model.params and model.config.rollout.swing:
         from garment_jax.swing.tables import make_swing_tables  # a part that is off is not even imported
 
+        known = model.seen is not None and model.seen.mesh == mesh_hash(scene.body)
+        seen = model.seen if known else None  # numbers of another body's vertices would say nothing
         try:
-            template = template._replace(ring=make_swing_tables(scene, config=model.config.swing))
+            ring = make_swing_tables(scene, config=model.config.swing, seen=seen)
+            template = template._replace(ring=ring)
         except ValueError as error:
             raise ValueError(
                 f"{name} has a garment with parts that hang on no pin, and the model's swing needs pins; "
@@ -117,7 +121,8 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     arrays = {name: _stored(name, x, bits) for name, x in _flatten(model.params).items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
-    texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts, indent=1)}
+    facts |= {} if model.seen is None else {"seen": model.seen.described()}
+    texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts)}
     try:
         with written_together(folder) as partial:
             np.savez_compressed(partial / "parameters.npz", **arrays)  # type: ignore[arg-type]
@@ -153,7 +158,7 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
     with _damaged(folder), open(Path(folder) / "parameters.npz", "rb") as file, np.load(file) as stored:
         arrays = {name: stored[name] for name in stored.files if not name.startswith(skipped)}
         statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
-        described = facts["garment_hash"], facts["vertices"], facts["fps"]
+        described = facts["garment_hash"], facts["vertices"], facts["fps"], read_seen_body(facts.get("seen"))
     # widened on the host: jax would compile a program for every shape
     params = _unflatten({name: jnp.asarray(np.asarray(x, np.float32)) for name, x in arrays.items()})
     return Model(config, params, statistics, *described)
@@ -196,7 +201,8 @@ def from_metadata(metadata: dict[str, Any], params: dict) -> Model:
     """Return the model that a checkpoint's metadata describe."""
     statistics = Statistics(*(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields))
     config = from_dict(metadata["config"], source="the checkpoint")
-    return Model(config, params, statistics, metadata["garment_hash"], metadata["vertices"], metadata["fps"])
+    described = metadata["garment_hash"], metadata["vertices"], metadata["fps"]
+    return Model(config, params, statistics, *described, read_seen_body(metadata.get("seen")))
 
 
 def _flatten(tree: dict, prefix: str = "") -> dict[str, Any]:

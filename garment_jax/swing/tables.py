@@ -5,11 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.carried import Carried, carried_points
+from garment_jax.body.kinematics import collider_points
 from garment_jax.body.vertex_sample import spread_vertices
 from garment_jax.config import SwingConfig
+from garment_jax.data.content_hash import mesh_hash
+from garment_jax.data.template import SeenBody
 from garment_jax.geometry.stencil import Stencil, make_stencil
 from garment_jax.geometry.ways import ways_to_pins
-from garment_jax.structs import Scene
+from garment_jax.structs import Collider, Scene
 
 BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body
 LEVELS = 12  # heights at which the body's radius is read
@@ -35,9 +38,10 @@ class SwingTables(NamedTuple):
     carried: Carried  # pins, then points of the collider
 
 
-def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
+def make_swing_tables(scene: Scene, *, config: SwingConfig, seen: SeenBody | None = None) -> SwingTables:
     """Return the tables of `scene`: columns by azimuth about the pins, rows by the way over the cloth.
 
+    `seen`: where the body is looked at, on the scene's own collider (`seen_body`) unless given.
     Raises `ValueError` for a garment without pins or a part that hangs on none: nothing carries its columns.
     """
     garment, a, h = scene.garment, config.columns, config.rows
@@ -46,7 +50,9 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
             "swing.steps is for a garment whose every part hangs on pins, and this one has parts that do "
             "not; set swing.steps = 0."
         )
-    carried = _thinned(carried_points(scene, collider=True))
+    seen = seen_body(scene) if seen is None else seen
+    looked_at = Collider(seen.vertices, seen.cap_loop, np.zeros((0, 3), np.int32))
+    carried = carried_points(scene._replace(collider=looked_at), collider=True)
     way = ways_to_pins(garment, carried.pins)[0]
     T = garment.template.astype(np.float64) - scene.body.joints[0]
     pins = T[carried.pins]
@@ -83,6 +89,18 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig) -> SwingTables:
         2.0 * length,
         carried,
     )
+
+
+def seen_body(scene: Scene) -> SeenBody:
+    """Return no more than `BODY_POINTS` points of the scene's collider, spread evenly; none without one."""
+    mesh, none = mesh_hash(scene.body), np.zeros(0, np.int32)
+    if scene.collider is None:
+        return SeenBody(mesh, none, none)
+    vertices, cap_loop = scene.collider.body_vertices, scene.collider.cap_loop
+    points = collider_points(scene.collider, scene.body.vertices.astype(np.float64))
+    chosen = spread_vertices(points, BODY_POINTS)
+    capped = len(chosen) and chosen[-1] == len(vertices)
+    return SeenBody(mesh, vertices[chosen[chosen < len(vertices)]], cap_loop if capped else none)
 
 
 def hangs_on_pins(scene: Scene) -> bool:
@@ -170,14 +188,3 @@ def _cubic(t: np.ndarray) -> np.ndarray:
     u = 1.0 - t
     middle = (4.0 - 6.0 * t**2 + 3.0 * t**3, 4.0 - 6.0 * u**2 + 3.0 * u**3)
     return np.stack([u**3, *middle, t**3], axis=-1) / 6.0
-
-
-def _thinned(carried: Carried) -> Carried:
-    """Return the pins and no more than `BODY_POINTS` of the collider's points, spread evenly."""
-    p = len(carried.pins)
-    weighted = carried.weighted.tocsr()
-    # canonical places: the sum over joints of weight times (x, y, z, 1), without its last
-    points = weighted[p:].toarray()
-    sums = np.stack([points[:, k::4].sum(axis=1) for k in range(3)], axis=1)
-    rows = np.concatenate([np.arange(p), p + spread_vertices(sums, BODY_POINTS)])
-    return carried._replace(weighted=weighted[rows])

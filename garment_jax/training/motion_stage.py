@@ -51,6 +51,8 @@ def train_motion(run: Run, generative: dict) -> dict:
         params = begun_from(run.config.training.begin_from, "motion", params)
     if config.warm_up_steps and run.config.generative.linear_skip:
         params = _warm_up(run, params, generative, Z)
+    if not config.steps:
+        return params
     return _full_loop(run, params, generative, Z)
 
 

@@ -38,6 +38,7 @@ def train(
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     if stage == "swing" and not config.swing.steps:
         raise ValueError("swing.steps = 0 leaves the swing out; give --swing.steps a number.")
+    _check_steps(config, stage)
     last = STAGES.index("swing" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
@@ -76,18 +77,38 @@ def train(
     return run.folder
 
 
+def _check_steps(config: Config, stage: str) -> None:
+    """Check that a stage without steps has its parameters from somewhere else."""
+    if stage == "swing" or config.training.begin_from:
+        return
+    warm = config.motion.warm_up_steps and config.generative.linear_skip
+    for name, steps in (("generative", config.generative.steps), ("motion", config.motion.steps or warm)):
+        if not steps and stage in ("all", name):
+            raise ValueError(
+                f"{name}.steps = 0 leaves the {name} stage untrained, which a model needs; give it a number, "
+                "or a model to begin from (training.begin_from)."
+            )
+
+
 def _check_predecessors(config: Config, run_dir: Path, stages: tuple[str, ...]) -> None:
     for name in stages:
         wanted = getattr(config, name).steps
-        if not (run_dir / CHECKPOINTS / name / str(wanted)).is_dir():
+        if wanted and not (run_dir / CHECKPOINTS / name / str(wanted)).is_dir():
             raise ValueError(f"{run_dir} holds no finished {name} stage; train it first with --stage {name}.")
+
+
+def _steps_of(stage: str, config: dict[str, Any]) -> int:
+    """Return the steps that the configuration (`to_dict`) gives a stage, a warm-up's with them."""
+    warm_up = config[stage].get("warm_up_steps", 0) if config["generative"]["linear_skip"] else 0
+    return config[stage]["steps"] + warm_up
 
 
 def trained_model(path: str | Path) -> Model:
     """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder.
 
-    A run that trained the swing alone, beside a model (`training.begin_from`), is that model with this swing.
-    Raises `ValueError` for a run that lacks a stage, or whose beginning is no longer what it was.
+    A run that trained the swing alone, beside a model (`training.begin_from`), is that model with this swing;
+    a stage of no steps is that model's. Raises `ValueError` for a run that lacks a stage, or whose beginning
+    is no longer what it was.
     """
     path = Path(path)
     if not (path / CHECKPOINTS).is_dir():
@@ -103,11 +124,15 @@ def trained_model(path: str | Path) -> Model:
     early = Checkpointer(path, "warm_up")
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
-    if set(found) == {"swing"} and metadata["config"]["training"]["begin_from"]:
-        codes = begun_model(metadata["config"]["training"]["begin_from"], path)
+    beginning = metadata["config"]["training"]["begin_from"] if found else ""
+    if set(found) == {"swing"} and beginning:
+        codes = begun_model(beginning, path)
         found = codes.params | found
-        mine = {k: metadata["config"][k] for k in ("swing", "rollout", "collision", "training", "data")}
-        metadata["config"] = to_dict(codes.config) | mine
+        mine = {k: metadata["config"][k] for k in ("swing", "rollout", "collision", "training")}
+        metadata["config"] = to_dict(codes.config) | mine  # its [data] too: mirrored clips pose the codes
+    for stage in ("generative", "motion"):
+        if beginning and stage not in found and not _steps_of(stage, metadata["config"]):
+            found[stage] = begun_model(beginning, path).params[stage]
     for stage in ("generative", "motion"):
         if stage not in found:
             raise ValueError(

@@ -84,6 +84,10 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
         "fps": run.data.fps,
         "statistics": statistics,
     }
+    if stage == "swing":
+        from garment_jax.swing.tables import seen_body
+
+        metadata["seen"] = seen_body(run.data.scene).described()
     return Checkpointer(run.folder, stage, metadata=metadata)
 
 

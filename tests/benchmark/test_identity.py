@@ -51,6 +51,14 @@ def test_a_baseline_is_named_by_its_own_section_and_not_by_ours() -> None:
     assert run_name("santesteban_2019", CONFIG, "d").split("-")[1] != name.split("-")[1]
 
 
+def test_the_single_decoder_is_named_by_the_networks_that_it_is_made_of() -> None:
+    name = run_name("vertex_decoder", CONFIG, "d")
+    for section in ({"latent_dim": 32}, {"channels": (8, 16)}, {"lambda_kl": 0.5}, {"batch": 3}):
+        assert run_name("vertex_decoder", changed(generative=section), "d") != name, section
+    # its own section has these
+    assert run_name("vertex_decoder", changed(generative={"steps": 3, "skin_reach": 0.2}), "d") == name
+
+
 def test_other_data_is_another_run() -> None:
     assert run_name("ours", CONFIG, "d") != run_name("ours", CONFIG, "e")
 

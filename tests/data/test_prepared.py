@@ -232,6 +232,7 @@ def test_without_a_train_folder_the_folder_itself_is_read(tmp_path):
     assert [path.stem for path in training_clips(tmp_path, [])] == ["solo"]
 
 
+FEWER = SCENE.pins._replace(vertices=SCENE.pins.vertices[1:], weights=SCENE.pins.weights[1:])
 OTHER_BODY = SCENE._replace(body=SCENE.body._replace(vertices=SCENE.body.vertices + np.float32(0.01)))
 
 
@@ -240,9 +241,11 @@ OTHER_BODY = SCENE._replace(body=SCENE.body._replace(vertices=SCENE.body.vertice
     [
         ({"scene": make_scene(5, 8)}, "garment vertices"),
         ({"scene": OTHER_BODY}, "has another body than a"),
+        ({"scene": SCENE._replace(pins=FEWER)}, "b has other pins than a; import the clips of one training"),
+        ({"scene": SCENE._replace(collider=None)}, "b has another collider than a"),
         ({"fps": 60.0}, "60 fps and a 30"),
     ],
-    ids=["garment", "body", "fps"],
+    ids=["garment", "body", "pins", "collider", "fps"],
 )
 def test_clips_that_do_not_fit_each_other_are_refused(tmp_path, change, sentence):
     write(tmp_path / "a.h5", 0, frames=5)

@@ -83,3 +83,11 @@ def test_figures_do_not_change_under_a_rigid_motion():
     c, s = np.cos(2.4), np.sin(2.4)
     moved = V @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + [5.0, 0, -3.0]
     np.testing.assert_allclose(cloth.band_power(moved[None], spectrum), cloth.band_power(V[None], spectrum))
+
+
+def test_a_strip_that_is_all_boundary_has_no_folds_to_measure():
+    faces = np.array([[0, 1, 2], [2, 1, 3]])
+    spectrum = cloth.make_spectrum(faces, 4)
+    V = np.random.default_rng(0).normal(size=(3, 4, 3))
+    np.testing.assert_array_equal(cloth.laplacian_power(V, spectrum), np.zeros(3))
+    np.testing.assert_array_equal(cloth.band_power(V, spectrum), np.zeros((5, 3)))

@@ -7,8 +7,11 @@ import jax
 import numpy as np
 import pytest
 
+from garment_jax.collision.solid import everything
 from garment_jax.rollout import model as module
-from garment_jax.rollout.model import load_model, save_model, template_for, without_swing
+from garment_jax.rollout.model import Model, load_model, save_model, template_for, without_swing
+from garment_jax.structs import Scene
+from garment_jax.swing.tables import seen_body
 from tests.reference.scene import make_scene
 from tests.reference.tiny_swing import swinging_model
 from tests.rollout.tiny_model import SCENE, tiny_model
@@ -123,3 +126,22 @@ def test_a_swing_needs_pins_and_codes_alone_do_not():
     with pytest.raises(ValueError, match=r"polka has a garment with parts that hang on no pin, "):
         template_for(model, free, "polka")
     assert template_for(without_swing(model), free, "polka")[0].ring is None
+
+
+def test_a_swing_looks_where_it_has_learnt_to_whatever_collider_a_clip_has(tmp_path: Path):
+    """The whole body has arms: beside a skirt they looked like a body of twice its size."""
+
+    def looked_at(model: Model, scene: Scene) -> np.ndarray:
+        return template_for(model, scene, "the clip")[0].ring.carried.weighted.toarray()
+
+    older = swinging_model()
+    model = load_model(save_model(older._replace(seen=seen_body(SCENE)), tmp_path / "model"))
+    wanted = looked_at(older, SCENE)
+    np.testing.assert_array_equal(looked_at(model, SCENE), wanted)
+    for collider in (None, everything(SCENE.body)):
+        scene = SCENE._replace(collider=collider)
+        np.testing.assert_array_equal(looked_at(model, scene), wanted)
+        assert looked_at(older, scene).shape != wanted.shape  # a model that does not know goes by the clip
+    other = SCENE.body._replace(faces=SCENE.body.faces[::-1])  # numbers of vertices that mean nothing here
+    scene = SCENE._replace(body=other, collider=everything(other))
+    np.testing.assert_array_equal(looked_at(model, scene), looked_at(older, scene))

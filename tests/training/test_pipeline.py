@@ -223,6 +223,35 @@ def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uni
         train(config, tmp_path / "run", data_dir=fewer)
 
 
+def test_stages_of_no_steps_are_those_of_the_model_begun_from(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path
+):
+    whole = trained_model(uninterrupted)
+    begin_from = str(save_model(whole, tmp_path / "model", bits=32))
+    config = replace(CONFIG, training=replace(CONFIG.training, begin_from=begin_from))
+    idle = {
+        "generative": replace(config, generative=replace(config.generative, steps=0)),
+        "motion": replace(config, motion=replace(config.motion, steps=0, warm_up_steps=0)),
+    }
+    for name, asked in idle.items():
+        model = trained_model(train(asked, tmp_path / name, data_dir=data_dir))
+        for part in ("generative", "motion"):
+            pairs = zip(jax.tree.leaves(model.params[part]), jax.tree.leaves(whole.params[part]), strict=True)
+            assert all(np.array_equal(a, b) for a, b in pairs) is (part == name), (name, part)
+    for name, asked in idle.items():
+        alone = replace(asked, training=CONFIG.training)
+        with pytest.raises(ValueError, match=rf"{name}\.steps = 0 leaves the {name} stage untrained"):
+            train(alone, tmp_path / "refused", data_dir=data_dir)
+    assert not (tmp_path / "refused").exists()
+
+
+def test_a_warm_up_alone_is_a_motion_encoder(tmp_path: Path, data_dir: Path):
+    config = replace(CONFIG, motion=replace(CONFIG.motion, steps=0), detail=replace(CONFIG.detail, steps=0))
+    run = train(config, tmp_path / "run", data_dir=data_dir)
+    warm = Checkpointer(run, "warm_up").tree("params")
+    jax.tree.map(np.testing.assert_array_equal, trained_model(run).params["motion"], warm)
+
+
 def test_a_swing_of_no_steps_is_refused(tmp_path: Path, data_dir: Path):
     with pytest.raises(ValueError, match=r"swing\.steps = 0 leaves the swing out"):
         train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="swing")
