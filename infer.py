@@ -46,6 +46,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    from garment_jax.cli.leaving import leave
+    from garment_jax.cli.leaving import end_on_sigterm, leave
 
+    end_on_sigterm()
     leave(main())

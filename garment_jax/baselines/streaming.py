@@ -11,9 +11,8 @@ from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
 from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.template import scene_template
-from garment_jax.rollout.animate import FPS_TOLERANCE
 from garment_jax.rollout.finish import Chunk, Finish, make_finisher
-from garment_jax.rollout.model import Model
+from garment_jax.rollout.model import Model, check_rate
 from garment_jax.structs import Motion, Scene
 
 
@@ -78,7 +77,7 @@ def make_runner(
 
     def stream(scene: Scene, motion: Motion, name: str) -> Stream:
         made = compiled(scene, name)
-        _check_rate(model, motion, name)
+        check_rate(model, motion, name)
         first = made.live.begin(motion)
         return Stream(
             first.x,
@@ -97,7 +96,7 @@ def make_runner(
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
         made = compiled(scene, name)
         for motion in motions:
-            _check_rate(model, motion, name)
+            check_rate(model, motion, name)
         begun = [made.live.begin(motion) for motion in motions]
         x, state = side_by_side([b.x for b in begun]), stacked([b.state for b in begun], axis=0)
         pieces = _chunks(lambda state, x: made.run(model.params, state, x), state, x, chunk)
@@ -127,13 +126,6 @@ def _extended(x: Any, frames: int) -> Any:
     return jax.tree.map(
         lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], frames - len(leaf), axis=0)]), x
     )
-
-
-def _check_rate(model: Model, motion: Motion, name: str) -> None:
-    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
-        raise ValueError(
-            f"{name} has {motion.fps:g} fps and the method was trained at {model.fps:g}; resample the motion."
-        )
 
 
 def _chunks(

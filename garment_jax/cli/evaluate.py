@@ -34,10 +34,10 @@ def run(options: argparse.Namespace) -> None:
         check_out(options.out, [path for pair in pairs for path in pair])
     figures = [evaluate_files(pred, truth, every=options.every) for pred, truth in pairs]
     text = json.dumps(figures if options.pred.is_dir() else figures[0])
-    print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
-    if options.out is not None:
+    if options.out is not None:  # first: who reads what is printed may leave early
         with written_whole(options.out) as (temporary,):
             temporary.write_text(text + "\n", encoding="utf-8")
+    print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
 
 
 def check_out(out: Path, read: Sequence[Path]) -> None:

@@ -35,6 +35,7 @@ def infer(
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.validation import check_input
     from garment_jax.programs import warm_start
+    from garment_jax.rollout.model import check_rate
     from garment_jax.rollout.plan import make_plan
 
     if out is not None:
@@ -48,6 +49,7 @@ def infer(
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
         scene, moves = sequence.scene, sequence.motion
+    check_rate(facts, moves, Path(motion).stem)  # a plan of what would be refused helps nobody
     scene_plan = make_plan(
         facts,
         scene,

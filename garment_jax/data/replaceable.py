@@ -1,6 +1,7 @@
 """Which names a sequence file may be written to, and what it may replace: no work of other commands."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from garment_jax.data.content_hash import stored_attribute
@@ -56,6 +57,21 @@ def check_floor_out(out: Path) -> None:
     if stored_attribute(out, RESTARTED) is None or stored_attribute(out, COLLIDED) is not None:
         raise ValueError(
             f"--out {out} is there and floor did not write it; name another --out, or move it away."
+        )
+
+
+def check_own(out: Path, marks: Iterable[bytes], command: str) -> None:
+    """Raise `ValueError` where `out` is a file that holds one of `marks` nowhere in its first 64 kB.
+
+    So what `command` writes replaces its own files alone; for formats whose files tell who wrote them.
+    """
+    if not out.is_file():
+        return
+    with open(out, "rb") as file:
+        beginning = file.read(65_536)
+    if not any(mark in beginning for mark in marks):
+        raise ValueError(
+            f"--out {out} is there and {command} did not write it; name another --out, or move it away."
         )
 
 

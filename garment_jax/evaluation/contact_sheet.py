@@ -81,7 +81,7 @@ def _paste_scale(sheet: Image.Image, scale: Scale, left: int, y: int, width: int
     for part in np.linspace(0, 1, 5):
         text = f"{part * scale.end_cm:g}" + (" cm" if part == 1 else "")
         pen.text((left + int(part * (long - 1)), y + int(2.1 * unit)), text, INK, font(unit), anchor="ms")
-    words = f"vertex distance to the simulation; largest shown {scale.largest_cm:.1f} cm"
+    words = f"distance of vertices between both; largest shown {scale.largest_cm:.1f} cm"
     if scale.largest_cm > scale.end_cm:
         words += f", all beyond {scale.end_cm:g} cm in the last colour"
     pen.text((left + long + 3 * unit, y + thick // 2), words, FAINT, font(unit), anchor="lm")

@@ -38,9 +38,9 @@ def render_files(
 ) -> list[Path]:
     """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
 
-    Writes `NAME_sheet.png` with `frames` columns; of two files also the error heat map in the sheet
-    (colours up to `scale_cm`, by default a round number that covers 99 of 100 vertices) and
-    `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
+    Writes `NAME_sheet.png` (NAME being the first file's) with `frames` columns; of two files also the error
+    heat map in the sheet (colours up to `scale_cm`, by default a round number that covers 99 of 100
+    vertices) and `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
     `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front, `height`
     of a picture in pixels. `progress` is called with the frames drawn and those to draw, of all sheets
     and the film together. Returns what was written.
@@ -55,7 +55,7 @@ def render_files(
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
         _make_folder(out)
-        name, written, title = clips[-1].name, [], _title(clips[-1])
+        name, written, title = Path(paths[0]).stem, [], _title(clips[-1])
         if len(clips) == 2:
             written.append(out / f"{name}_error.png")
             title += f", RMSE {_error_curve(clips, written[0]):.2f} cm"
@@ -203,7 +203,7 @@ def _rows(
         maps.append(draw(pred, heat(error[k], scale.end_cm), k, 0.0))
         drawn()
     return [
-        Row("simulated", simulated, []),
+        Row("other" if _label(clips[-1]) == "predicted" else _label(clips[-1]), simulated, []),
         Row("predicted", predicted, []),
         Row("error", maps, captions),
     ], scale

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.data.replaceable import check_own
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.export.glb_body import add_body
@@ -53,6 +54,7 @@ def write_glb(
     metres and Y up, frames out of range, and more than `most_targets` morph targets.
     """
     path = Path(path)
+    check_own(path, [b'"generator":"garment_jax"', b'"generator": "garment_jax"'], "export")
     _check_metres(scale, up, path)
     frames = _frames(sequence, start, stop, every)
     _check_targets(frames, most_targets, path)

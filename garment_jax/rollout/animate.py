@@ -22,13 +22,12 @@ from garment_jax.data.validation import check_input
 from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
 from garment_jax.rollout.finish import Chunk, make_finisher
-from garment_jax.rollout.model import Model, facts_of, template_for, without_swing
+from garment_jax.rollout.model import Model, check_rate, facts_of, template_for, without_swing
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.rollers import make_roller
 from garment_jax.structs import Motion, Scene
 
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
-FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 
 
 Animator = Callable[..., Iterator[Chunk]]
@@ -93,7 +92,7 @@ def make_animator(
     roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
 
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
-        _check_rate(model, motion, name)
+        check_rate(model, motion, name)
         whole = with_preroll(motion, preroll)
         inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
         V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
@@ -112,13 +111,6 @@ def _without_first(pieces: Iterator[Chunk], skip: int) -> Iterator[Chunk]:
 
 def _digits(statistics: Any) -> str:
     return repr([np.asarray(x).tolist() for x in statistics])
-
-
-def _check_rate(model: Model, motion: Motion, name: str) -> None:
-    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
-        raise ValueError(
-            f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion."
-        )
 
 
 def animate_file(

@@ -21,6 +21,8 @@ from garment_jax.data.template import SeenBody, Statistics, Template, read_seen_
 from garment_jax.rollout.model_folder import FACTS, check_replaceable, written_together
 from garment_jax.structs import Motion, Scene
 
+FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
+
 
 class Model(NamedTuple):
     """Trained parameters and what describes them; the garment itself comes with the clip."""
@@ -46,6 +48,15 @@ class ModelFacts(NamedTuple):
 def facts_of(model: Model) -> ModelFacts:
     """Return the facts of a model that is loaded."""
     return ModelFacts(model.config, frozenset(model.params), model.vertices, model.fps)
+
+
+def check_rate(model: Model | ModelFacts, motion: Motion, name: str) -> None:
+    """Raise `ValueError` for a motion of another frame rate than the model's."""
+    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
+        raise ValueError(
+            f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion "
+            f"(garment-jax import --fps {model.fps:g})."
+        )
 
 
 def without_swing(model: Model) -> Model:

@@ -97,7 +97,7 @@ def _rest_pose(lead: int, step: np.ndarray, fps: float) -> Finding:
         f"a joint moves {step[first]:.2f} m in one frame ({step[first] * fps:.0f} m/s): a rest pose, a jump "
         "out of it",
         f"frame {first} to {first + 1}",
-        f"drop the first {lead} frames (simulate --skip {lead}; --fix does)",
+        f"drop the first {lead} frames (--fix does; --skip of import and simulate counts the source's)",
         Repair("first", lead),
     )
 

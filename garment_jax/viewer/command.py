@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.data.replaceable import check_own
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.colours import HEAT
 from garment_jax.evaluation.pair import read_finite
@@ -59,6 +60,7 @@ def view_files(
         raise ValueError(f"--scale-cm {scale_cm:g} must be above 0; leave it out for a round one.")
     if Path(out).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--out {out} is no page; name one that ends in .html.")
+    check_own(Path(out), [b'content="garment-jax view"'], "view")
     with ExitStack() as stack:
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         shown = choose(clips, truth=truth, start=start, stop=stop, every=every)

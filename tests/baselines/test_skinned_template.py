@@ -113,5 +113,5 @@ def test_a_fit_goes_into_its_own_folder_alone(folder: Path) -> None:
 
 def test_another_frame_rate_is_refused(runner: Runner) -> None:
     assert runner.stream is not None
-    with pytest.raises(ValueError, match="x has 60 fps and the method was trained at 30; resample"):
+    with pytest.raises(ValueError, match="x has 60 fps and the model was trained at 30; resample"):
         runner.stream(SCENE, make_motion(SCENE, 5, fps=60.0), "x")

@@ -25,7 +25,7 @@ def test_a_pair_gives_sheet_curve_side_view_and_film(pair, tmp_path, monkeypatch
     written = render_files(
         pair, tmp_path, frames=3, animation=True, side_view=True, height=64, seconds=0.2, scale_cm=4.0
     )
-    assert [p.name for p in written] == ["t_error.png", "t_sheet.png", "t_side.png", "t.gif"]
+    assert [p.name for p in written] == ["p_error.png", "p_sheet.png", "p_side.png", "p.gif"]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in written)
     with Image.open(written[1]) as sheet:
         pixels = np.asarray(sheet.convert("RGB")).astype(int)

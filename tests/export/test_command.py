@@ -126,6 +126,19 @@ def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path,
         assert main(["export", str(clip), "--out", str(tmp_path / "a.pc2")]) == 0
 
 
+@pytest.mark.parametrize("name", ["a.npz", "a.glb"])
+def test_a_file_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+    out = tmp_path / name
+    export_file(clip, out, stop=3)
+    export_file(clip, out, stop=2)
+    np.savez(tmp_path / "rig.npz", weights=np.eye(3), vertices=np.zeros((3, 3)))  # somebody's body
+    (tmp_path / "rig.npz").rename(out)
+    before = out.read_bytes()
+    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
+        export_file(clip, out, stop=2)
+    assert out.read_bytes() == before
+
+
 def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):
     assert main(["export", str(clip), "--format", "pc2", "--out", str(tmp_path / "a.pc2"), "--no-body"]) == 0
     said = capsys.readouterr().out

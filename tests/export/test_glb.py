@@ -170,15 +170,16 @@ def test_what_glb_cannot_hold_is_refused(tmp_path: Path, clip: Path, options: di
 
 
 def test_a_stopped_export_leaves_nothing(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "out.glb").write_bytes(b"before")
     with open_sequence(clip) as sequence:
+        write_glb(sequence, tmp_path / "out.glb", stop=1)
+        before = (tmp_path / "out.glb").read_bytes()
         monkeypatch.setattr(
             "garment_jax.export.glb.add_body", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
         )
         with pytest.raises(KeyboardInterrupt):
             write_glb(sequence, tmp_path / "out.glb")
     assert [path.name for path in tmp_path.iterdir()] == ["out.glb"]
-    assert (tmp_path / "out.glb").read_bytes() == b"before"
+    assert (tmp_path / "out.glb").read_bytes() == before
 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, clip: Path):

@@ -50,6 +50,16 @@ def test_what_is_asked_for_is_in_the_page_and_nothing_else(pair, tmp_path):
         assert len(blocks[sequence["inside"]]) == 11 * 16
 
 
+def test_a_page_that_view_did_not_write_is_not_replaced(pair, tmp_path):
+    out = tmp_path / "p.html"
+    for _ in range(2):
+        view_files(pair[:1], out)
+    out.write_text("<p>mine</p>")
+    with pytest.raises(ValueError, match=r"p\.html is there and view did not write it"):
+        view_files(pair[:1], out)
+    assert out.read_text() == "<p>mine</p>"
+
+
 def test_world_metres_far_away_are_shown_too(tmp_path):
     scene = make_scene()
     motion = make_motion(scene, 3)
