@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.npz import load_collider
 from garment_jax.data.obj import read_group
 from garment_jax.data.scene_files import load_pins, nearest_weights
@@ -34,28 +35,46 @@ def dress(
 ) -> DressedScene:
     """Return the scene of a garment on a body, both in metres, Y up, canonical pose.
 
-    Without `collider` (.npz) the cloth touches the whole body where that is closed, otherwise nothing. `pins`
-    as in `load_pins`, or "group:NAME"; without it "top" for a garment that hangs from the waist and "none"
-    for one that hangs from the shoulders. Raises `ValueError` for what belongs to another body or garment.
+    Without `collider` (.npz) the cloth touches what it touches in the sequence file that the body is from, or
+    the whole body where that is closed, otherwise nothing. `pins` as in `load_pins`, or "group:NAME"; without
+    it those of that sequence file if its garment is this one, else "top" for a garment that hangs from the
+    waist and "none" for one that hangs from the shoulders. Raises `ValueError` for what belongs to another
+    body or garment.
     """
     known = {
         "n": (len(garment.template), str(garment_path)),
         "b": (len(body.vertices), str(body_path)),
         "j": (len(body.joints), str(body_path)),
     }
-    notes = []
+    notes, like = [], _scene_of(body_path, body)
     if collider is not None:
         solid = load_collider(collider, known)
+    elif like is not None and like.collider is not None:
+        solid = like.collider
+        notes.append(f"collider: that of {body_path}; --collider NPZ names another")
     else:
         solid = whole_body(body)
         touched = "the whole body" if solid else "none, the body is not closed"
         notes.append(f"collider: {touched}; --collider NPZ names a closed part")
+    if pins is None and like is not None and garment_hash(like.garment) == garment_hash(garment):
+        notes.append(f"pins: those of {body_path}; --pins says otherwise")
+        return DressedScene(Scene(garment, body, solid, like.pins), tuple(notes))
     if pins is None:
         pins, reason = _default_pins(garment, body)
         notes.append(f"pins: {pins}, {reason}; --pins says otherwise")
     return DressedScene(
         Scene(garment, body, solid, _pins(pins, garment, body, garment_path, known)), tuple(notes)
     )
+
+
+def _scene_of(path: Path, body: RiggedBody) -> Scene | None:
+    """Return the scene of the sequence file that `body` is from, None for a file of another kind or body."""
+    if path.suffix.lower() != ".h5":
+        return None
+    from garment_jax.data.sequence import open_sequence
+
+    with open_sequence(path) as sequence:
+        return sequence.scene if len(sequence.scene.body.vertices) == len(body.vertices) else None
 
 
 def whole_body(body: RiggedBody) -> Collider | None:
