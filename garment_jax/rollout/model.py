@@ -196,7 +196,10 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
             )
     config = load_config(folder / "config.toml")
     with _damaged(folder):
-        return config, json.loads((folder / "model.json").read_text(encoding="utf-8"))
+        facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
+        if not isinstance(facts, dict):
+            raise ValueError(f"{FACTS} holds no facts")
+        return config, facts
 
 
 @contextlib.contextmanager
@@ -204,7 +207,10 @@ def _damaged(folder: str | Path) -> Iterator[None]:
     """Turn what reading a damaged file raises into one sentence."""
     try:
         yield
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except (
+        *(OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error),
+        *(TypeError, AttributeError),  # JSON of other values
+    ) as error:
         raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
 
 

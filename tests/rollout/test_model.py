@@ -145,3 +145,12 @@ def test_a_swing_looks_where_it_has_learnt_to_whatever_collider_a_clip_has(tmp_p
     other = SCENE.body._replace(faces=SCENE.body.faces[::-1])  # numbers of vertices that mean nothing here
     scene = SCENE._replace(body=other, collider=everything(other))
     np.testing.assert_array_equal(looked_at(model, scene), looked_at(older, scene))
+
+
+@pytest.mark.parametrize("text", ["[]", "null", "3", '{"seen": []}'])
+def test_facts_that_are_no_facts_are_damage(tmp_path: Path, text: str):
+    folder = save_model(tiny_model(), tmp_path / "model")
+    (folder / "model.json").write_text(text)
+    for read in (load_model, module.model_facts):
+        with pytest.raises(ValueError, match=r"model holds a damaged model \(.*copy or save it again"):
+            read(folder)
