@@ -46,7 +46,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    from garment_jax.cli.leaving import end_on_sigterm, leave
+    from garment_jax.cli.leaving import leave
 
-    end_on_sigterm()
     leave(main())

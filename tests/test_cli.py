@@ -177,23 +177,6 @@ def test_an_interrupted_program_ends_at_once_whatever_its_threads_do(code: int) 
     assert (ended.returncode, ended.stdout) == (code, "said\n")
 
 
-def test_sigterm_ends_a_program_like_ctrl_c() -> None:
-    lines = (
-        "import os, signal",
-        "from garment_jax.cli.leaving import end_on_sigterm",
-        "end_on_sigterm()",
-        "try:",
-        "    os.kill(os.getpid(), signal.SIGTERM)",
-        "    signal.pause()",
-        "except KeyboardInterrupt:",
-        "    print('cleaned')",
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", "\n".join(lines)], capture_output=True, timeout=50, text=True
-    )
-    assert (ended.returncode, ended.stdout) == (0, "cleaned\n")
-
-
 def test_figures_are_saved_whoever_stops_reading(tmp_path: Path, monkeypatch) -> None:
     clip = write_clip(tmp_path / "clip.h5", 4)
     out = tmp_path / "figures.json"

@@ -25,7 +25,7 @@ from garment_jax.cli import (
     validate,
     view,
 )
-from garment_jax.cli.leaving import INTERRUPTED, end_on_sigterm, leave
+from garment_jax.cli.leaving import INTERRUPTED, leave
 
 COMMANDS = (
     simulate,
@@ -62,7 +62,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def program() -> NoReturn:
     """Run the command line's command and end the process."""
-    end_on_sigterm()
     leave(main())
 
 

@@ -2,19 +2,11 @@
 
 import multiprocessing
 import os
-import signal
 import sys
-import threading
 from contextlib import suppress
 from typing import NoReturn
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
-
-
-def end_on_sigterm() -> None:
-    """Take SIGTERM for Ctrl-C: what a time limit or a scheduler ends leaves no temporary files either."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def leave(code: int) -> NoReturn:
