@@ -41,4 +41,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from garment_jax.cli.leaving import leave
+
+    leave(main())

@@ -1,13 +1,39 @@
-"""A file for HDF5 to write to that survives a full disk.
+"""A file for HDF5 to write to that survives a full disk and Ctrl-C.
 
 HDF5 1.14 and 2.0 cannot close a file whose writes fail: objects stay open and the process ends with a
 segmentation fault at exit. So the failure is kept from it: the first failed write is remembered here,
 all later ones are dropped, and the owner asks `error` before it calls the file good.
+
+Nor can it pass on an exception that Ctrl-C raises within one of these methods: it went on without what was
+to be written, or crashed. So every call of HDF5 that may write is made within `uninterrupted`.
 """
 
 import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back until the block ends; then it does what it would have done.
+
+    On another thread than the main one nothing is held back: signals never come there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: list[tuple[int, Any]] = []
+    before = signal.signal(signal.SIGINT, lambda *at: seen.append(at))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if seen and callable(before):
+            before(*seen[0])
 
 
 class GuardedFile:

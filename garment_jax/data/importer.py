@@ -20,6 +20,8 @@ from garment_jax.data.packed_clip import check_packed, check_pins, decode_steps,
 from garment_jax.data.sequence_writer import SequenceWriter
 from garment_jax.structs import Motion, Scene
 
+SPLITS = ("train", "test")
+
 
 class ImportedClip(NamedTuple):
     """What became of one packed clip."""
@@ -66,8 +68,12 @@ def import_clip(
         attributes = check_packed(file, str(source))
         assets = find_assets(file, source, attributes, body)
         split = str(attributes.get("split", ""))
+        if split not in SPLITS:  # it becomes a folder's name
+            raise ValueError(f"{source}: the clip's split is {split!r}; it must be {' or '.join(SPLITS)}.")
         name = source.stem.removeprefix(f"{split}_")
         path = Path(out) / split / f"{name}.h5"
+        if path.resolve() == source.resolve():
+            raise ValueError(f"{source} is what is read; choose another --out.")
         if path in taken:
             raise ValueError(f"{source}: {path} was just written from another clip; rename one of them.")
         frames = len(dataset(file, "root", str(source)))

@@ -61,7 +61,7 @@ def check_floor_out(out: Path) -> None:
 
 
 def check_own(out: Path, marks: Iterable[bytes], command: str) -> None:
-    """Raise `ValueError` where `out` is a file that holds one of `marks` nowhere in its first 64 kB.
+    """Raise `ValueError` where `out` is a file without any of `marks` in its first 64 kB.
 
     So what `command` writes replaces its own files alone; for formats whose files tell who wrote them.
     """

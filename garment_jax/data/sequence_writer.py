@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
-from garment_jax.data.guarded_file import GuardedFile
+from garment_jax.data.guarded_file import GuardedFile, uninterrupted
 from garment_jax.data.replaceable import check_name
 from garment_jax.structs import Motion, Scene
 
@@ -67,6 +67,8 @@ class SequenceWriter:
         if self._motion_only:
             self._attributes["kind"] = MOTION_ONLY
         self._written = 0
+        self._disk: GuardedFile | None = None
+        self._file: h5py.File | None = None
 
     def append(self, vertices: ArrayLike) -> None:
         """Write the next frames, `[k, n, 3]` (or one, `[n, 3]`) world metres.
@@ -81,7 +83,8 @@ class SequenceWriter:
         start, stop = self._written, self._written + len(given)
         self._check_frames(given, start, stop)
         stored = given if self._scale is None else self._quantise(given, start, stop, self._scale)
-        self._vertices[start:stop] = stored
+        with uninterrupted():
+            self._vertices[start:stop] = stored
         self._check_disk()
         self._written = stop
 
@@ -90,27 +93,16 @@ class SequenceWriter:
         array = np.asarray(values)
         if len(array) != self._sizes["t"]:
             raise ValueError(f"{self.path}: {name!r} has {len(array)} frames, the clip {self._sizes['t']}.")
-        self._file.create_dataset(f"extra/{name}", data=array, **_packing(array))
+        with uninterrupted():
+            self._open_file.create_dataset(f"extra/{name}", data=array, **_packing(array))
         self._check_disk()
 
     def __enter__(self) -> "SequenceWriter":
         if self.path.is_dir():
             raise ValueError(f"{self.path} is a folder; name a sequence file (.h5).")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._disk = GuardedFile(self._temporary)
-        except OSError as error:
-            raise OSError(
-                f"{self.path} could not be written ({error.strerror}); choose another folder."
-            ) from error
-        self._file = h5py.File(self._disk, "w")
-        try:
-            self._file.attrs.update(self._attributes)
-            if not self._motion_only:
-                self._vertices = self._create_vertices()
-            for name, array in self._arrays.items():
-                data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
-                self._file.create_dataset(name, data=data, **_packing(array))
+            with uninterrupted():
+                self._begin()
             self._check_disk()
         except BaseException:
             self._discard()
@@ -128,19 +120,40 @@ class SequenceWriter:
             return
         try:
             self._check_complete()
-            self._file.close()
-            self._disk.finish()
+            self._close()
             self._check_disk()
             os.replace(self._temporary, self.path)
         except BaseException:
             self._discard()
             raise
 
+    def _begin(self) -> None:
+        """Open the file and write all that is known before the first frame."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._disk = GuardedFile(self._temporary)
+        except OSError as error:
+            raise OSError(
+                f"{self.path} could not be written ({error.strerror}); choose another folder."
+            ) from error
+        self._file = h5py.File(self._disk, "w")
+        self._file.attrs.update(self._attributes)
+        if not self._motion_only:
+            self._vertices = self._create_vertices()
+        for name, array in self._arrays.items():
+            data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
+            self._file.create_dataset(name, data=data, **_packing(array))
+
+    @property
+    def _open_file(self) -> h5py.File:
+        assert self._file is not None, "use the writer in a `with` statement"
+        return self._file
+
     def _create_vertices(self) -> h5py.Dataset:
         t, n = self._sizes["t"], self._sizes["n"]
         dtype = np.dtype("f4" if self._scale is None else "i2")
         frames = max(1, min(t, _CHUNK_BYTES // (n * 3 * dtype.itemsize)))
-        dataset = self._file.create_dataset(
+        dataset = self._open_file.create_dataset(
             "vertices", (t, n, 3), dtype, chunks=(frames, n, 3), compression="gzip", shuffle=True
         )
         if self._scale is not None:
@@ -179,18 +192,26 @@ class SequenceWriter:
             )
 
     def _check_disk(self) -> None:
-        error = self._disk.error
+        error = None if self._disk is None else self._disk.error
         if error is not None:
             raise OSError(
                 f"{self.path} could not be written ({error.strerror}); nothing was saved, free some space or "
                 "choose another folder."
             )
 
+    @uninterrupted()
+    def _close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+        if self._disk is not None:
+            self._disk.finish()
+
+    @uninterrupted()
     def _discard(self) -> None:
-        """Close and delete the temporary file."""
-        self._file.close()
-        self._disk.finish()
-        self._temporary.unlink(missing_ok=True)
+        """Close and delete the temporary file, where there is one."""
+        self._close()
+        if self._disk is not None:
+            self._temporary.unlink(missing_ok=True)
 
 
 def _packing(array: np.ndarray) -> dict:

@@ -161,6 +161,30 @@ def test_what_is_no_packed_clip_is_refused(tmp_path: Path):
         import_clips([tmp_path / "empty"], tmp_path / "out", progress=quiet)
 
 
+@pytest.mark.parametrize("split", ["../../elsewhere", "", "[1, 2]"])
+def test_a_split_is_no_path(tmp_path: Path, split: str):
+    write_packed(tmp_path, "train_waltz", 4)
+    with h5py.File(tmp_path / "skirt/train_waltz.h5", "r+") as file:
+        file.attrs["split"] = split
+    with pytest.raises(ValueError, match=r"the clip's split is .* it must be train or test"):
+        import_clips([tmp_path / "skirt"], tmp_path / "deep/er/out", progress=quiet)
+    assert not (tmp_path / "deep").exists()
+    assert not list(tmp_path.rglob("elsewhere"))
+
+
+def test_a_packed_clip_is_not_written_over(tmp_path: Path):
+    write_packed(tmp_path, "train_waltz", 4)
+    (tmp_path / "skirt/train").mkdir()
+    for path in list((tmp_path / "skirt").iterdir()):
+        if path.is_file():  # pins and the like lie beside the clip
+            path.rename(path.parent / "train" / path.name.removeprefix("train_"))
+    source = tmp_path / "skirt/train/waltz.h5"
+    before = source.read_bytes()
+    with pytest.raises(ValueError, match=r"waltz\.h5 is what is read; choose another --out"):
+        import_clips([source], tmp_path / "skirt", body=tmp_path / "avatar/avatar.npz", progress=quiet)
+    assert source.read_bytes() == before
+
+
 def test_two_clips_of_one_name_are_refused(tmp_path: Path):
     first = write_packed(tmp_path / "a", frames=3)
     second = write_packed(tmp_path / "b", frames=4)

@@ -1,5 +1,6 @@
 """Writing sequence files: whole or not at all, and refusals before anything is lost."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -228,3 +229,49 @@ def test_disk_that_fails_at_the_last_moment_is_noticed(tmp_path, scene, motion, 
     with pytest.raises(OSError, match="No space left on device"):
         write_clip(tmp_path / "c.h5", scene=scene, motion=motion)
     _expect_nothing_left(tmp_path)
+
+
+def _calls_of_hdf5(monkeypatch: pytest.MonkeyPatch, interrupted: int) -> list[str]:
+    """Record the calls of the guarded file; Ctrl-C comes within the one of this number."""
+    made: list[str] = []
+
+    def counted(name: str):
+        plain = getattr(guarded_file.GuardedFile, name)
+
+        def call(self, *given):
+            made.append(name)
+            if len(made) == interrupted:
+                signal.raise_signal(signal.SIGINT)
+            return plain(self, *given)
+
+        return call
+
+    for name in ("write", "seek", "readinto", "truncate", "tell", "flush", "finish"):
+        monkeypatch.setattr(guarded_file.GuardedFile, name, counted(name))
+    return made
+
+
+def test_ctrl_c_within_any_call_of_hdf5_leaves_the_older_file_and_no_other(tmp_path, scene, motion):
+    """HDF5 cannot pass an exception on: it went on without the write, and the file looked whole."""
+    path = tmp_path / "clip.h5"
+
+    def write(seed: int) -> None:
+        with SequenceWriter(path, scene, motion, encoding="float32") as writer:
+            writer.append(make_vertices(scene, motion, seed))
+            writer.add_per_frame("depth", np.arange(100.0).reshape(10, 10))
+
+    write(0)
+    before = path.read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        made = _calls_of_hdf5(patch, interrupted=0)
+        write(0)
+        calls = len(made)
+    assert calls > 50
+    for number in range(1, calls + 1):
+        with pytest.MonkeyPatch.context() as patch:
+            _calls_of_hdf5(patch, interrupted=number)
+            with pytest.raises(KeyboardInterrupt):
+                write(1)
+        assert [p.name for p in tmp_path.iterdir()] == ["clip.h5"], number
+        assert path.read_bytes() == before, number
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
