@@ -9,8 +9,10 @@ import pytest
 
 from garment_jax.cli import main, make_parser
 from garment_jax.data.sequence import open_sequence
+from garment_jax.rollout.model import save_model
 from tests.data.packed import write_packed
 from tests.reference.scene import write_clip
+from tests.rollout.tiny_model import tiny_model
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,6 +27,24 @@ def test_import_then_info(tmp_path: Path, capsys):
     assert (facts["frames"], facts["split"]) == (5, "test")
     assert main(["info", str(out / "test/waltz.h5")]) == 0
     assert "waltz" in capsys.readouterr().out
+
+
+def test_info_tells_of_a_model_and_of_what_else_can_be_read(tmp_path: Path, capsys):
+    model = save_model(tiny_model(), tmp_path / "model")
+    clip = write_clip(tmp_path / "clip.h5", 2)
+    assert main(["info", "--json", "nowhere.h5", str(model), str(clip)]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("error: nowhere.h5: no such file")
+    facts = json.loads(captured.out)
+    assert facts[str(model)]["model"] == {
+        "vertices": 128,
+        "fps": 30.0,
+        "parts": ["detail", "generative", "motion"],
+    }
+    assert facts[str(clip)]["frames"] == 2
+    (model / "parameters.npz").write_text("no zip")
+    assert main(["info", str(model)]) == 2
+    assert "model holds a damaged model" in capsys.readouterr().err
 
 
 def test_evaluate_never_writes_over_what_it_reads(tmp_path: Path, capsys):

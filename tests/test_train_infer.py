@@ -135,7 +135,7 @@ def short(path: str) -> None:
     ("spoil", "sentence"),
     [
         (without_fps, "fps"),
-        (not_a_number, "clip waltz: vertex 5 of frame 2 is"),
+        (not_a_number, "waltz.h5: vertex 5 of frame 2 is"),
         (short, "waltz.h5"),
     ],
 )

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.data.replaceable import RESTARTED, check_floor_out
     from garment_jax.data.sequence import open_sequence
     from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
-    from garment_jax.data.validation import check_simulated
+    from garment_jax.data.validation import check_input, check_simulated, measure_extent
     from garment_jax.simulation.clips import ENGINE
     from garment_jax.simulation.command import check_same_cloth, cloth_settings, read_pattern
     from garment_jax.simulation.floor import floor_of, summary
@@ -49,6 +49,8 @@ def run(options: argparse.Namespace) -> None:
     for path in options.clips:
         with open_sequence(path) as clip:
             check_simulated(clip)
+            check_input(clip)
+            measure_extent(clip)  # frames that are not finite
             check_same_cloth(clip, settings)
             floor = floor_of(
                 clip,

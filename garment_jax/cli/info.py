@@ -2,7 +2,9 @@
 
 import argparse
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
 
 def add(commands) -> None:
@@ -13,12 +15,36 @@ def add(commands) -> None:
     parser.set_defaults(run=run)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Run it."""
-    from garment_jax.data.info import describe, format_description
+def run(options: argparse.Namespace) -> int:
+    """Run it; 2 if anything could not be read, which keeps nothing else from being told."""
+    from garment_jax.data.info import format_description
 
-    facts = {str(path): describe(path) for path in options.paths}
-    if options.json:
+    facts, refused = {}, False
+    for path in options.paths:
+        try:
+            facts[str(path)] = _describe(path)
+        except (ValueError, OSError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            refused = True
+            continue
+        if not options.json:
+            print(
+                ("\n" if len(facts) > 1 else "") + format_description(str(path), facts[str(path)]), flush=True
+            )
+    if options.json and facts:
         print(json.dumps(facts, indent=2))
-    else:
-        print("\n\n".join(format_description(path, fact) for path, fact in facts.items()))
+    return 2 if refused else 0
+
+
+def _describe(path: Path) -> dict[str, Any]:
+    """Return the facts of a file or folder; of a saved model also what it is, which finds damage."""
+    from garment_jax.data.info import describe
+
+    facts = describe(path)
+    if not (path / "model.json").is_file():
+        return facts
+    from garment_jax.rollout.model import model_facts  # with jax, which the others do without
+
+    model = model_facts(path)
+    about = {"vertices": model.vertices, "fps": model.fps, "parts": sorted(model.parts)}
+    return {"model": about, **facts}

@@ -167,7 +167,7 @@ def _resolved(
     for start, world in sequence.windows(min(WINDOW, sequence.frames)):
         count = len(world)
         frames = slice(start, start + count)
-        _check_finite(world, start, sequence.name)
+        _check_finite(world, start, str(sequence.path))
         root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
         V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
         posed = pose_carried(carried, scene, motion, frames)._replace(pins=V[:, held])

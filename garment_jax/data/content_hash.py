@@ -4,10 +4,9 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from garment_jax.data.hdf5 import plain
+from garment_jax.data.hdf5 import attributes_of, open_hdf5
 from garment_jax.structs import Garment, RiggedBody, Scene
 
 
@@ -63,8 +62,8 @@ def stored_hash(path: Path) -> str | None:
 def stored_attribute(path: Path, name: str) -> str | None:
     """Return a text attribute of an HDF5 file; None where it, or a whole file, is not there."""
     try:
-        with h5py.File(path, "r") as file:
-            value = file.attrs.get(name)
+        with open_hdf5(path) as file:
+            value = attributes_of(file, str(path)).get(name)
     except OSError:
         return None
-    return None if value is None else str(plain(value))
+    return None if value is None else str(value)

@@ -11,14 +11,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 import h5py
-import numpy as np
 
 from garment_jax.data import layout
 from garment_jax.data.content_hash import stored_attribute, stored_hash
-from garment_jax.data.hdf5 import dataset, open_hdf5, plain
-from garment_jax.data.packed_clip import check_packed, check_pins, decode_steps, find_assets, read_scene
+from garment_jax.data.hdf5 import attributes_of, dataset, open_hdf5
+from garment_jax.data.packed_clip import (
+    check_packed,
+    check_pins,
+    decode_steps,
+    find_assets,
+    read_motion,
+    read_scene,
+)
 from garment_jax.data.sequence_writer import SequenceWriter
-from garment_jax.structs import Motion, Scene
+from garment_jax.structs import Scene
 
 SPLITS = ("train", "test")
 
@@ -116,15 +122,14 @@ def _content_hash(paths: Iterable[Path]) -> str:
 
 
 def _write(path: Path, file: h5py.File, scene: Scene, attributes: dict, where: str) -> None:
-    root = dataset(file, "root", where)[()].astype(np.float64)
-    motion = Motion(dataset(file, "rotations", where)[()], root, float(attributes["fps"]))
+    motion = read_motion(file, float(attributes["fps"]), where)
     delta = dataset(file, "vertices_delta", where)
-    scale = float(plain(delta.attrs["scale"]))
+    scale = attributes_of(delta, where)["scale"]
     with SequenceWriter(path, scene, motion, scale=scale, attributes=attributes) as writer:
         start = 0
         for steps in decode_steps(delta):
             window = slice(start, start + len(steps))
-            world = steps * scale + root[window, None]
+            world = steps * scale + motion.root[window, None]
             check_pins(world, scene, motion, window, where)
             writer.append(world)
             start += len(steps)

@@ -1,6 +1,7 @@
 """`garment-jax info`: what is in a sequence file, a run or a model, as plain facts."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -59,10 +60,17 @@ def _describe_sequence(sequence: Sequence) -> dict[str, Any]:
         facts["extent_m"] = [[round(float(value), 3) for value in corner] for corner in corners]
         facts["reach_m"], facts["movement_m"] = round(extent.reach, 4), round(extent.movement, 4)
     shown = {*facts, "kind", "fps", "length_unit", "up_axis"}
-    facts |= {key: value for key, value in sequence.attributes.items() if key not in shown}
+    facts |= {key: _strict(value) for key, value in sequence.attributes.items() if key not in shown}
     if sequence.extra_names:
         facts["extra"] = list(sequence.extra_names)
     return facts
+
+
+def _strict(value: Any) -> Any:
+    """Return an attribute as strict JSON has it, which knows no NaN."""
+    if isinstance(value, list):
+        return [_strict(entry) for entry in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _describe_folder(path: Path) -> dict[str, Any]:

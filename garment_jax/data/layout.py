@@ -67,8 +67,8 @@ def fields_of(present: Iterable[str]) -> tuple[Field, ...]:
     return fields + (PINS if "pins" in groups else ())
 
 
-def to_arrays(scene: Scene, motion: Motion) -> dict[str, np.ndarray]:
-    """Return the file's datasets, without the vertices, by name and in the file's types."""
+def to_arrays(scene: Scene, motion: Motion, where: str) -> dict[str, np.ndarray]:
+    """Return the file's datasets, without the vertices, by name and in the file's types (see `cast`)."""
     structs = {"": scene.garment, "body/": scene.body, "collider/": scene.collider, "pins/": scene.pins}
     arrays = {
         prefix + key: np.asarray(value)
@@ -77,7 +77,28 @@ def to_arrays(scene: Scene, motion: Motion) -> dict[str, np.ndarray]:
         for key, value in struct._asdict().items()
     }
     arrays |= {"rotations": np.asarray(motion.rotations), "root": np.asarray(motion.root)}
-    return {field.name: arrays[field.name].astype(field.dtype) for field in fields_of(arrays)}
+    return {field.name: cast(field, arrays[field.name], where) for field in fields_of(arrays)}
+
+
+def cast(field: Field, array: np.ndarray, where: str) -> np.ndarray:
+    """Return the array in the field's type, with as many axes as the field has.
+
+    Raises ValueError (naming `where`) for another number of axes, for what is no number, and for an index
+    with a fraction, or one that 32 bits do not hold: both would become another index.
+    """
+    if array.size and array.dtype.kind not in ("U" if field.dtype == "U" else "fiu"):
+        found = "text" if array.dtype.kind in "SUO" else array.dtype
+        kind = "text" if field.dtype == "U" else "numbers"
+        raise ValueError(f"{where}: `{field.name}` has type {found}; store {kind}.")
+    if array.ndim != len(field.shape):
+        raise ValueError(f"{where}: `{field.name}` has shape {array.shape}, expected {_spell(field.shape)}.")
+    if field.dtype == "i4" and array.dtype != np.int32 and array.size:
+        limits = np.iinfo(np.int32)
+        wrong = (array != np.rint(array)) | ~((array >= limits.min) & (array <= limits.max))
+        if wrong.any():
+            value = array[wrong][0]
+            raise ValueError(f"{where}: `{field.name}` holds {value}; store whole numbers of 32 bits.")
+    return array.astype(field.dtype, copy=False)
 
 
 def to_scene(arrays: Mapping[str, np.ndarray]) -> Scene:
@@ -179,6 +200,7 @@ def _check_not_empty(sizes: dict[str, int], where: str) -> None:
         "f": "garment faces",
         "b": "body vertices",
         "j": "joints",
+        "d": "collider faces",
     }
     for letter, name in names.items():
         if sizes.get(letter) == 0:

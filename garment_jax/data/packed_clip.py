@@ -13,11 +13,15 @@ import numpy as np
 
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.data.attributes import check_units
-from garment_jax.data.hdf5 import dataset, plain
+from garment_jax.data.hdf5 import attributes_of, dataset, dataset_names, read_all, read_window
+from garment_jax.data.layout import GARMENT, MOTION, Field, bind_shape, cast
 from garment_jax.data.npz import load_body, load_collider, load_pin_file
 from garment_jax.structs import Garment, Motion, Scene
 
-_NEEDED = ("vertices_delta", "root", "rotations", "template", "faces", "uv", "faces_uv")
+_DELTA = Field("vertices_delta", "i2", ("t", "n", 3))
+_FIELDS = {field.name: field for field in (*MOTION, *GARMENT)}
+_NEEDED = (_DELTA.name, *_FIELDS)
+_INDICES = {name: Field(name, "i4", ("c",)) for name in ("collider_body_vertices", "pins")}
 _PIN_TOLERANCE = 1e-3  # metres; the shared clips agree within 0.1 mm, another body's pins miss by cm
 _WINDOW = 64  # frames; the packed clips' own chunk
 
@@ -38,7 +42,10 @@ def decode_steps(delta: h5py.Dataset | np.ndarray, *, window: int = _WINDOW) -> 
     """
     last = np.zeros(delta.shape[1:], np.int32)
     for start in range(0, len(delta), window):
-        rows = np.cumsum(delta[start : start + window], axis=1, dtype=np.int32)
+        stop = min(start + window, len(delta))
+        stored = isinstance(delta, h5py.Dataset)
+        rows = read_window(delta, start, stop, Path(delta.file.filename)) if stored else delta[start:stop]
+        rows = np.cumsum(rows, axis=1, dtype=np.int32)
         steps = np.cumsum(rows, axis=0, dtype=np.int32) + last
         last = steps[-1]
         yield steps
@@ -46,18 +53,42 @@ def decode_steps(delta: h5py.Dataset | np.ndarray, *, window: int = _WINDOW) -> 
 
 def check_packed(file: h5py.File, where: str) -> dict:
     """Return a packed clip's attributes, or raise ValueError if it is none or in an unread unit."""
-    if "vertices" in file and "vertices_delta" not in file:
+    names = dataset_names(file, where)
+    if "vertices" in names and "vertices_delta" not in names:
         raise ValueError(f"{where} is a sequence file already; use it as it is.")
-    missing = [name for name in _NEEDED if name not in file]
+    missing = [name for name in _NEEDED if name not in names]
     if missing:
         raise ValueError(
             f"{where}: dataset `{missing[0]}` is missing; a packed clip needs {', '.join(_NEEDED)}."
         )
-    if "scale" not in dataset(file, "vertices_delta", where).attrs:
-        raise ValueError(f"{where}: attribute scale of `vertices_delta` is missing; give metres per step.")
-    attributes = {key: plain(value) for key, value in file.attrs.items()}
+    _check_delta(file, where)
+    attributes = attributes_of(file, where)
     check_units(attributes, where)
     return attributes
+
+
+def _check_delta(file: h5py.File, where: str) -> None:
+    """Raise ValueError unless the steps are whole, have a scale, and as many as root and template say."""
+    sizes: dict[str, int] = {}
+    data = {name: dataset(file, name, where) for name in ("root", "template", _DELTA.name)}
+    for name, found in data.items():
+        bind_shape(_FIELDS.get(name, _DELTA), found.shape, sizes, {"t": "root", "n": "template"}, where)
+    delta = data[_DELTA.name]
+    if delta.dtype != np.int16:
+        raise ValueError(f"{where}: `{_DELTA.name}` has type {delta.dtype}; store int16.")
+    scale = attributes_of(delta, where).get("scale")
+    if not isinstance(scale, float) or not 0 < scale < 1:
+        raise ValueError(f"{where}: attribute scale of `{_DELTA.name}` is {scale!r}; give metres per step.")
+
+
+def read_motion(file: h5py.File, fps: float, where: str) -> Motion:
+    """Return a packed clip's motion; OSError where the file is damaged, ValueError for what does not fit."""
+    rotations, root = (_read(file, field, where) for field in MOTION)
+    return Motion(rotations, root, fps)
+
+
+def _read(file: h5py.File, field: Field, where: str) -> np.ndarray:
+    return cast(field, read_all(dataset(file, field.name, where), where), where)
 
 
 def find_assets(file: h5py.File, source: Path, attributes: dict, body: str | Path | None) -> Assets:
@@ -83,21 +114,21 @@ def _beside(path: Path, wanted: bool, source: Path) -> Path | None:
 
 def read_scene(file: h5py.File, assets: Assets, where: str) -> Scene:
     """Return garment, body, collider and pins of a packed clip; the indices in clip and files must agree."""
-    garment = Garment(*(dataset(file, name, where)[()] for name in ("template", "faces", "uv", "faces_uv")))
+    garment = Garment(*(_read(file, field, where) for field in GARMENT))
     body = load_body(assets.body)
     collider = pins = None
     if assets.collider is not None:
         collider = load_collider(assets.collider)
-        named = dataset(file, "collider_body_vertices", where)
+        named = _read(file, _INDICES["collider_body_vertices"], where)
         _check_equal(collider.body_vertices, named, assets.collider, where)
     if assets.pins is not None:
         pins = load_pin_file(assets.pins)
-        _check_equal(pins.vertices, dataset(file, "pins", where), assets.pins, where)
+        _check_equal(pins.vertices, _read(file, _INDICES["pins"], where), assets.pins, where)
     return Scene(garment, body, collider, pins)
 
 
-def _check_equal(indices: np.ndarray, named: h5py.Dataset, path: Path, where: str) -> None:
-    if not np.array_equal(indices, named[()]):
+def _check_equal(indices: np.ndarray, named: np.ndarray, path: Path, where: str) -> None:
+    if not np.array_equal(indices, named):
         raise ValueError(
             f"{where} was simulated with other vertices ({len(named)}) than {path} names ({len(indices)}); "
             "use the file that belongs to the clip."

@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import sys
+from collections.abc import Mapping
 from collections.abc import Sequence as List
 from pathlib import Path
 from typing import NamedTuple
@@ -89,23 +90,19 @@ def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = 
     paths = training_clips(folder, config.data.validation)
     with open_sequence(paths[0]) as first:
         check_input(first, joints=config.body.motion_joints)  # before seeds are sought in another unit
-        scene, garment_name, fps = first.scene, first.name, first.fps
+        scene, fps = first.scene, first.fps
     seeds = make_seeds(scene, config.body.seeds)
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
     W = canonical_weights(scene, config)
     train, validation, digest, digests = [], [], hashlib.sha256(), ClipDigests(cache)
     for path in paths:
         with open_sequence(path) as sequence:
-            check_same_garment(scene.garment, sequence.scene.garment, names=(garment_name, sequence.name))
+            check_same_garment(scene.garment, sequence.scene.garment, names=(str(paths[0]), str(path)))
             if body_hash(sequence.scene.body) != body_hash(scene.body):
-                raise ValueError(
-                    f"{sequence.name} has another body than {garment_name}; train on the clips of one body."
-                )
-            check_same_attachment(scene, sequence.scene, names=(garment_name, sequence.name))
+                raise ValueError(f"{path} has another body than {paths[0]}; train on the clips of one body.")
+            check_same_attachment(scene, sequence.scene, names=(str(paths[0]), str(path)))
             if sequence.fps != fps:
-                raise ValueError(
-                    f"{sequence.name} has {sequence.fps:g} fps and {garment_name} {fps:g}; resample one."
-                )
+                raise ValueError(f"{path} has {sequence.fps:g} fps and {paths[0]} {fps:g}; resample one.")
             key = _cache_key(path, digests.of(path), sequence, config)
             digest.update(key.encode())
             made_from = str(sequence.attributes.get("made_from", ""))
@@ -160,14 +157,26 @@ def _prepare_clip(
     parts = ("V", *(("T_tilde",) if unposed else ()), *(() if W is None else ("U",)))
     # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
     names = {part: cache.with_name(f"{cache.name}.{part}.npy") for part in parts}
-    missing = {part: name for part, name in names.items() if not name.exists()}
+    shape = (sequence.frames, *sequence.scene.garment.template.shape)
+    missing = {part: name for part, name in names.items() if _stored(name, shape) is None}
     if missing:
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
         _compute_arrays(sequence, inputs, seeds, W, config, missing)
-    arrays = {part: np.load(name, mmap_mode="r") for part, name in names.items()}
+    arrays = {part: _stored(name, shape) for part, name in names.items()}
     V, T_tilde, U = arrays["V"], arrays.get("T_tilde"), arrays.get("U", arrays["V"])
+    assert V is not None
+    assert U is not None
     return PreparedClip(sequence.name, V, U, T_tilde, inputs, False, sequence.motion)
+
+
+def _stored(name: Path, shape: tuple[int, ...]) -> np.ndarray | None:
+    """Return an array of the cache, memory-mapped; None where it is not there, or damaged."""
+    try:
+        array = np.load(name, mmap_mode="r")
+    except (OSError, ValueError, EOFError):
+        return None
+    return array if array.shape == shape and array.dtype == np.float32 else None
 
 
 def _compute_arrays(
@@ -178,14 +187,54 @@ def _compute_arrays(
     config: Config,
     names: dict[str, Path],
 ) -> None:
-    """Write the arrays that `names` asks for, of "V", "T_tilde" and "U"; all or none."""
+    """Write the arrays that `names` asks for, of "V", "T_tilde" and "U"; all or none.
+
+    Raises `OSError` where the disk has no room for them.
+    """
     garment, body = sequence.scene.garment, sequence.scene.body
     T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
     shape = (sequence.frames, *T.shape)
     for name in names.values():
         name.parent.mkdir(parents=True, exist_ok=True)
     partial = {part: name.with_suffix(".partial") for part, name in names.items()}
-    arrays = {part: np.lib.format.open_memmap(p, "w+", np.float32, shape) for part, p in partial.items()}
+    try:
+        arrays = {part: _reserved(path, shape) for part, path in partial.items()}
+        _fill(arrays, sequence, inputs, seeds, W, config, T)
+        for array in arrays.values():
+            array.flush()
+    except BaseException:
+        for path in partial.values():
+            path.unlink(missing_ok=True)
+        raise
+    for part, name in names.items():
+        os.replace(partial[part], name)
+
+
+def _reserved(path: Path, shape: tuple[int, ...]) -> np.memmap:
+    """Return a new array in a file that has its room on the disk: a full one ends the process at a write."""
+    try:
+        array = np.lib.format.open_memmap(path, "w+", np.float32, shape)
+        if hasattr(os, "posix_fallocate"):
+            with path.open("r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    except OSError as error:
+        raise OSError(
+            f"{path.parent} has no room for the prepared clips ({error.strerror}); free some space or choose "
+            "another --run-dir."
+        ) from error
+    return array
+
+
+def _fill(
+    arrays: Mapping[str, np.ndarray],
+    sequence: Sequence,
+    inputs: MotionInput,
+    seeds: Seeds,
+    W: np.ndarray | None,
+    config: Config,
+    T: np.ndarray,
+) -> None:
+    """Compute the arrays of a clip, a window at a time."""
     for start in range(0, sequence.frames, CHUNK):
         # the last window is moved back so that every call has the same shape: one compilation
         start = max(min(start, sequence.frames - CHUNK), 0)
@@ -203,10 +252,6 @@ def _compute_arrays(
         if "U" in arrays:
             assert W is not None
             arrays["U"][window] = unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window])
-    for array in arrays.values():
-        array.flush()
-    for part, name in names.items():
-        os.replace(partial[part], name)
 
 
 @functools.partial(jax.jit, static_argnames=("tau", "iterations"))

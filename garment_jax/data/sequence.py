@@ -13,7 +13,15 @@ import numpy as np
 
 from garment_jax.data import layout
 from garment_jax.data.attributes import check_attributes
-from garment_jax.data.hdf5 import dataset, open_hdf5, plain, read_window
+from garment_jax.data.hdf5 import (
+    attributes_of,
+    dataset,
+    dataset_names,
+    names_in,
+    open_hdf5,
+    read_all,
+    read_window,
+)
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, MOTION_ONLY, SequenceWriter
 from garment_jax.structs import Motion, Scene
 
@@ -32,7 +40,7 @@ class Sequence:
         self._file = open_hdf5(self.path)
         try:
             self.attributes = check_attributes(self._file, str(self.path))
-            arrays = _read_arrays(self._file, str(self.path))
+            arrays = read_arrays(self._file, str(self.path))
             sizes = layout.check_arrays(arrays, str(self.path))
             self._vertices, self._scale = _find_vertices(self._file, sizes, str(self.path))
         except BaseException:
@@ -82,8 +90,7 @@ class Sequence:
     @property
     def extra_names(self) -> tuple[str, ...]:
         """Names of the further per-frame datasets (group `extra`)."""
-        group = self._file.get("extra")
-        return tuple(group) if isinstance(group, h5py.Group) else ()
+        return names_in(self._file, "extra", str(self.path))
 
     def read_extra(self, name: str, start: int, stop: int) -> np.ndarray:
         """Return frames `start … stop - 1` of the per-frame dataset `extra/name`, `[k, ...]`."""
@@ -124,32 +131,24 @@ def open_sequence(path: str | Path) -> Sequence:
     return Sequence(path)
 
 
-def _read_arrays(file: h5py.File, where: str) -> dict[str, np.ndarray]:
-    present: list[str] = []
-    file.visititems(lambda name, item: present.append(name) if isinstance(item, h5py.Dataset) else None)
-    return {
-        field.name: _read_array(dataset(file, field.name, where), field, where)
-        for field in layout.fields_of(present)
-        if field.name in present
-    }
+def read_arrays(file: h5py.File, where: str) -> dict[str, np.ndarray]:
+    """Return the datasets of the layout that the file has, without the vertices, in their types.
 
-
-def _read_array(data: h5py.Dataset, field: layout.Field, where: str) -> np.ndarray:
-    try:
-        if field.dtype == "U":
-            return np.asarray(data.asstr()[()], dtype="U")
-        return np.asarray(data[()]).astype(field.dtype, copy=False)
-    except OSError as error:
-        raise OSError(f"{where} is damaged or truncated; copy, import or predict it again.") from error
-    except (TypeError, ValueError) as error:
-        kind = "text" if field.dtype == "U" else "numbers"
-        raise ValueError(f"{where}: `{field.name}` has type {data.dtype}; store {kind}.") from error
+    Raises as `open_sequence`, for what is damaged or does not fit its own type and number of axes.
+    """
+    present = dataset_names(file, where)
+    arrays = {}
+    for field in layout.fields_of(present):
+        if field.name in present:
+            found = read_all(dataset(file, field.name, where), where, text=field.dtype == "U")
+            arrays[field.name] = layout.cast(field, found, where)
+    return arrays
 
 
 def _find_vertices(
     file: h5py.File, sizes: dict[str, int], where: str
 ) -> tuple[h5py.Dataset | None, float | None]:
-    if file.attrs.get("kind") == MOTION_ONLY:
+    if attributes_of(file, where).get("kind") == MOTION_ONLY:
         return None, None
     vertices = dataset(file, "vertices", where)
     expected = (sizes["t"], sizes["n"], 3)
@@ -162,7 +161,7 @@ def _find_vertices(
         return vertices, None
     if vertices.dtype != np.int16:
         raise ValueError(f"{where}: `vertices` has type {vertices.dtype}; store float32 metres or int16.")
-    scale = plain(vertices.attrs.get("scale"))
+    scale = attributes_of(vertices, where).get("scale")
     if not isinstance(scale, float) or not 0 < scale < 1:
         raise ValueError(f"{where}: attribute scale of int16 `vertices` is {scale!r}; give metres per step.")
     return vertices, scale

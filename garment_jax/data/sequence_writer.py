@@ -51,7 +51,7 @@ class SequenceWriter:
             raise ValueError(f"scale={scale} metres per step is out of range; {DEFAULT_SCALE} is usual.")
         if not 0 < motion.fps < 10_000:
             raise ValueError(f"{self.path}: fps is {motion.fps!r}; give the motion its true frame rate.")
-        self._arrays = layout.to_arrays(scene, motion)
+        self._arrays = layout.to_arrays(scene, motion, str(self.path))
         self._sizes = layout.check_arrays(self._arrays, str(self.path))
         self._scale = scale if encoding == "int16" else None
         self._attributes = {"kind": "simulated", "name": self.path.stem} | (attributes or {})

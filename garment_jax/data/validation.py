@@ -36,9 +36,9 @@ def check_clip(sequence: Sequence, *, joints: Iterable[str] = (), window: int = 
     """
     check_simulated(sequence)
     check_input(sequence, joints=joints)
-    check_moves(sequence.motion, f"clip {sequence.name}")
+    check_moves(sequence.motion, str(sequence.path))
     extent = measure_extent(sequence, window=window)
-    name = f"clip {sequence.name}"
+    name = str(sequence.path)
     if not SMALLEST <= extent.reach <= LARGEST:
         raise ValueError(
             f"{name}: the garment reaches {extent.reach:.4g} m from the root, which looks like another unit; "
@@ -63,7 +63,7 @@ def check_simulated(sequence: Sequence) -> None:
 
 def check_input(sequence: Sequence, *, joints: Iterable[str] = ()) -> None:
     """Check what is needed to animate a garment: scene, joints and motion; no vertices are read."""
-    name = f"clip {sequence.name}"
+    name = str(sequence.path)
     check_scene(sequence.scene, name)
     check_joints(sequence.scene.body, joints, name)
     check_motion(sequence.motion, name, joints=sequence.scene.body.joint_names)
@@ -164,7 +164,7 @@ def measure_extent(sequence: Sequence, *, window: int = 64) -> ClipExtent:
     """Return where the garment was, reading by windows; ValueError for a vertex that is not finite."""
     world, relative = _Box(), _Box()
     for start, V in sequence.windows(window):
-        _check_finite(V, start, sequence.name)
+        _check_finite(V, start, str(sequence.path))
         world.add(V)
         relative.add(V - sequence.motion.root[start : start + len(V), None])
     reach = max(float(np.abs(relative.low).max()), float(np.abs(relative.high).max()))
@@ -187,6 +187,6 @@ def _check_finite(V: np.ndarray, start: int, name: str) -> None:
     if bad.any():
         frame, vertex = np.argwhere(bad)[0]
         raise ValueError(
-            f"clip {name}: vertex {vertex} of frame {start + frame} is {V[frame, vertex].tolist()}; cut the "
+            f"{name}: vertex {vertex} of frame {start + frame} is {V[frame, vertex].tolist()}; cut the "
             "clip before that frame or simulate it again."
         )

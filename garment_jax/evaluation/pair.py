@@ -14,12 +14,12 @@ def check_pair(pred: Sequence, truth: Sequence) -> None:
     check_garment(pred, truth)
     if pred.frames != truth.frames:
         raise ValueError(
-            f"{pred.name} has {pred.frames} frames but {truth.name} has {truth.frames}; "
+            f"{pred.path} has {pred.frames} frames but {truth.path} has {truth.frames}; "
             "predict with the truth file as the motion."
         )
     if not np.isclose(pred.fps, truth.fps):
         raise ValueError(
-            f"{pred.name} runs at {pred.fps:g} fps but {truth.name} at {truth.fps:g}; "
+            f"{pred.path} runs at {pred.fps:g} fps but {truth.path} at {truth.fps:g}; "
             "resample one of them to the other's rate."
         )
     check_motion(pred, truth, truth.frames)
@@ -40,13 +40,13 @@ def check_garment(pred: Sequence, truth: Sequence) -> None:
     ours, theirs = pred.scene.garment, truth.scene.garment
     if len(ours.template) != len(theirs.template):
         raise ValueError(
-            f"{pred.name} has {len(ours.template)} vertices but {truth.name} has "
+            f"{pred.path} has {len(ours.template)} vertices but {truth.path} has "
             f"{len(theirs.template)}; compare clips of one garment."
         )
     if not np.array_equal(ours.faces, theirs.faces):
         different = "count" if ours.faces.shape != theirs.faces.shape else "vertices"
         raise ValueError(
-            f"the faces of {pred.name} ({len(ours.faces)}) and {truth.name} ({len(theirs.faces)}) differ "
+            f"the faces of {pred.path} ({len(ours.faces)}) and {truth.path} ({len(theirs.faces)}) differ "
             f"in {different}; import both with the same template."
         )
 
@@ -56,7 +56,7 @@ def check_motion(pred: Sequence, truth: Sequence, frames: int) -> None:
     ours, theirs = pred.motion, truth.motion
     if ours.rotations.shape[1] != theirs.rotations.shape[1]:
         raise ValueError(
-            f"{pred.name} has {ours.rotations.shape[1]} joints but {truth.name} has "
+            f"{pred.path} has {ours.rotations.shape[1]} joints but {truth.path} has "
             f"{theirs.rotations.shape[1]}; compare clips of one body."
         )
     away = np.abs(ours.root[:frames] - theirs.root[:frames]).max(axis=-1)
@@ -65,7 +65,7 @@ def check_motion(pred: Sequence, truth: Sequence, frames: int) -> None:
     if bad.any():
         frame = int(np.argmax(bad))
         raise ValueError(
-            f"the motions of {pred.name} and {truth.name} differ at frame {frame} (root by "
+            f"the motions of {pred.path} and {truth.path} differ at frame {frame} (root by "
             f"{100 * float(away[frame]):.2f} cm, rotations by {float(turned[frame]):.3f}); "
             "predict with the truth file as the motion."
         )
@@ -81,7 +81,7 @@ def read_finite(clip: Sequence, start: int, stop: int) -> np.ndarray:
     if not finite.all():
         frame, vertex = np.argwhere(~finite)[0]
         raise ValueError(
-            f"{clip.name}: vertex {vertex} of frame {start + frame} is not finite; "
+            f"{clip.path}: vertex {vertex} of frame {start + frame} is not finite; "
             "the clip is damaged or the rollout diverged, make it again."
         )
     return V

@@ -151,9 +151,9 @@ def animate_file(
         collision=plan.collision or plan.out_of_reach,
         out_of_reach=plan.out_of_reach,
         store=store,
-        name=name,
+        name=str(clip),
     )
-    pieces = run(motion, preroll=preroll, name=name)
+    pieces = run(motion, preroll=preroll, name=str(clip))
     writer = SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
     with FrameProgress(name) as progress, writer:
         progress.say("compiling" + (f", then {preroll} frames of preroll" if preroll else ""))
@@ -170,7 +170,7 @@ def animate_file(
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:
         print(
-            f"{name}: the motion leaves the training range by up to {outside.max():.0%} of it "
+            f"{clip}: the motion leaves the training range by up to {outside.max():.0%} of it "
             f"({worst}, frame {int(outside.argmax())}); expect less there.",
             file=sys.stderr,
         )

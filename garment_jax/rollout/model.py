@@ -13,12 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.seeds import Seeds, make_seeds
-from garment_jax.config import Config, from_dict, load_config, to_toml
+from garment_jax.config import Config, from_dict, load_config, to_dict, to_toml
 from garment_jax.data.content_hash import garment_hash, mesh_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.start import make_start
 from garment_jax.data.template import SeenBody, Statistics, Template, read_seen_body, scene_template
-from garment_jax.rollout.model_folder import FACTS, check_replaceable, written_together
+from garment_jax.rollout.model_folder import (
+    FACTS,
+    arrays_hash,
+    check_replaceable,
+    check_together,
+    shaping_of,
+    written_together,
+)
 from garment_jax.structs import Motion, Scene
 
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
@@ -132,6 +139,8 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     arrays = {name: _stored(name, x, bits) for name, x in _flatten(model.params).items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
+    facts["shaping"] = shaping_of(to_dict(model.config))
+    facts["arrays"] = arrays_hash({name: array.shape for name, array in arrays.items()})
     facts |= {} if model.seen is None else {"seen": model.seen.described()}
     texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts)}
     try:
@@ -184,6 +193,7 @@ def model_facts(folder: str | Path) -> ModelFacts:
 
 
 def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
+    """Return configuration and facts of a saved model whose three files belong to each other."""
     for name in ("config.toml", "model.json", "parameters.npz"):
         if not (folder / name).is_file():
             if (folder / "checkpoints").is_dir():
@@ -197,9 +207,22 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     config = load_config(folder / "config.toml")
     with _damaged(folder):
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
-        if not isinstance(facts, dict):
-            raise ValueError(f"{FACTS} holds no facts")
+        _check_facts(facts)
+        check_together(facts, json.loads(json.dumps(to_dict(config))), folder / "parameters.npz")
         return config, facts
+
+
+def _check_facts(facts: Any) -> None:
+    if not isinstance(facts, dict):
+        raise ValueError(f"{FACTS} holds no facts")
+    vertices, fps = facts.get("vertices"), facts.get("fps")
+    for name, value, right in (
+        ("garment_hash", facts.get("garment_hash"), isinstance(facts.get("garment_hash"), str)),
+        ("vertices", vertices, isinstance(vertices, int) and vertices > 0),
+        ("fps", fps, isinstance(fps, int | float) and 0 < fps < 10_000),
+    ):
+        if not right:
+            raise ValueError(f"{FACTS} has {name} = {value!r}")
 
 
 @contextlib.contextmanager

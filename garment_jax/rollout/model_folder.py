@@ -1,14 +1,31 @@
 """The folder that a model is saved into: what may be replaced there, and how, so that no mixture loads."""
 
+import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 FACTS = "model.json"  # goes first and comes last: without it a folder holds no model
 MEASURED = ("figures.json", "variants.json")  # of the parameters that lie beside them
+# sections of the configuration: what shapes parameters, or decides what the statistics are of
+SHAPING = {
+    "body": ("motion_joints",),
+    "uv": ("size",),
+    "generative": (
+        *("channels", "latent_dim", "part_dim", "rec_hidden", "rec_rank", "decomposition", "instance_norm"),
+        *("map_statistics", "skin_reach", "linear_skip"),
+    ),
+    "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
+    "detail": ("features", "code_features", "hidden", "vertex_code"),
+    "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
+}
 _REPLACED = f"{FACTS}.replaced"  # the old facts while the other files change
 _HIDDEN = ".saving."  # beginning of the folder that files are written in
 
@@ -38,6 +55,44 @@ def check_replaceable(folder: Path, garment_hash: str) -> None:
             f"--out {folder} holds a model of another garment (hash {there}, not {garment_hash}); "
             "name another folder."
         )
+
+
+def shaping_of(config: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return what shapes the networks, of a configuration as `to_dict` has it."""
+    return {name: {key: config[name][key] for key in keys} for name, keys in SHAPING.items()}
+
+
+def arrays_hash(shapes: Mapping[str, tuple[int, ...]]) -> str:
+    """Return 16 hexadecimal digits of arrays' names and shapes."""
+    text = json.dumps(sorted((name, list(shape)) for name, shape in shapes.items()))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def check_together(facts: Mapping[str, Any], config: Mapping[str, Any], parameters: Path) -> None:
+    """Raise `ValueError` where configuration or parameters are not those that `facts` were saved with.
+
+    `config` as `to_dict` has it; models that are older say nothing of either, and pass.
+    """
+    for name, keys in facts.get("shaping", {}).items():
+        for key, value in keys.items():
+            found = config.get(name, {}).get(key, value)  # keys that are gone shape nothing
+            if found != value:
+                raise ValueError(f"config.toml has {name}.{key} = {found!r}, its parameters {value!r}")
+    if facts.get("arrays") not in (None, arrays_hash(_stored_shapes(parameters))):
+        raise ValueError(f"{parameters.name} has other arrays than it was saved with")
+
+
+def _stored_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of an `.npz` file's arrays, their values unread."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    with zipfile.ZipFile(path) as stored:
+        for name in stored.namelist():
+            with stored.open(name) as array:
+                version = np.lib.format.read_magic(array)
+                if version != (1, 0):  # none of numpy's own needs another for numbers
+                    raise ValueError(f"{name} is of version {version}")
+                shapes[name.removesuffix(".npy")] = np.lib.format.read_array_header_1_0(array)[0]
+    return shapes
 
 
 def _garment_of(facts: Path) -> str:

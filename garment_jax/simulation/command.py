@@ -7,10 +7,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-from garment_jax.data.hdf5 import open_hdf5
+from garment_jax.data.hdf5 import dataset, dataset_names, open_hdf5, read_all
 from garment_jax.data.layout import Field, check_fields
 from garment_jax.data.npz import read_arrays
 from garment_jax.data.sequence import Sequence
@@ -88,11 +87,9 @@ def read_pattern(path: Path) -> np.ndarray:
 
 def _read_hdf5(path: Path, name: str) -> np.ndarray | None:
     with open_hdf5(path) as file:
-        found = file.get(name)
-        try:
-            return np.asarray(found[()]) if isinstance(found, h5py.Dataset) else None
-        except OSError as error:
-            raise OSError(f"{path}: dataset {name!r} is damaged; copy the file again.") from error
+        if name not in dataset_names(file, str(path)):
+            return None
+        return read_all(dataset(file, name, str(path)), str(path))
 
 
 def check_numbers(options: Mapping[str, Any]) -> None:

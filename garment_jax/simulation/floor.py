@@ -45,12 +45,12 @@ def floor_of(
 
     if own_start and not 1 <= start < sequence.frames - 1:
         raise ValueError(
-            f"--own-start needs a frame before and after --start {start} of {sequence.name}, which has "
+            f"--own-start needs a frame before and after --start {start} of {sequence.path}, which has "
             f"{sequence.frames} frames; choose another."
         )
     if not 0 <= start < sequence.frames:
         raise ValueError(
-            f"--start {start} is not inside {sequence.name}, which has {sequence.frames} frames; choose a "
+            f"--start {start} is not inside {sequence.path}, which has {sequence.frames} frames; choose a "
             f"frame from 0 to {sequence.frames - 1}."
         )
     stop = sequence.frames if frames is None else min(start + frames, sequence.frames)

@@ -1,7 +1,6 @@
 """Training that goes on from a saved model: its parameters in place of random ones, its statistics."""
 
 import hashlib
-import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,21 +10,10 @@ import jax.numpy as jnp
 from garment_jax.config import Config, to_dict
 from garment_jax.data.template import Statistics
 from garment_jax.rollout.model import Model, load_model, model_facts
-from garment_jax.training.run_directory import FACTS_NAME
+from garment_jax.rollout.model_folder import SHAPING
+from garment_jax.training.run_directory import run_facts
 
 PARTS = ("generative", "motion", "detail", "swing")
-# what shapes parameters, or decides what the statistics are of
-_ALIKE = {
-    "body": ("motion_joints",),
-    "uv": ("size",),
-    "generative": (
-        *("channels", "latent_dim", "part_dim", "rec_hidden", "rec_rank", "decomposition", "instance_norm"),
-        *("map_statistics", "skin_reach", "linear_skip"),
-    ),
-    "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
-    "detail": ("features", "code_features", "hidden", "vertex_code"),
-    "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
-}
 
 
 class Beginning(NamedTuple):
@@ -51,7 +39,7 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
     pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
     for section in ("body", "uv", *stages):  # another swing begins afresh, see `other_ring`
-        pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in _ALIKE[section]]
+        pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in SHAPING[section]]
     for name, theirs, ours in pairs:
         if theirs != ours:
             raise ValueError(
@@ -95,7 +83,7 @@ def other_ring(folder: str, config: Config) -> str:
     Empty where both are alike: then training goes on from it.
     """
     theirs, ours = load_model(folder, leave_out=PARTS).config.swing, config.swing
-    pairs = [(key, getattr(theirs, key), getattr(ours, key)) for key in _ALIKE["swing"]]
+    pairs = [(key, getattr(theirs, key), getattr(ours, key)) for key in SHAPING["swing"]]
     return ", ".join(f"{key} {there}, not {here}" for key, there, here in pairs if there != here)
 
 
@@ -104,8 +92,7 @@ def begun_model(folder: str, run_dir: Path) -> Model:
 
     Raises `ValueError` where another model lies there now, or none.
     """
-    facts = run_dir / FACTS_NAME
-    wanted = json.loads(facts.read_text(encoding="utf-8")).get("begin_from") if facts.is_file() else None
+    wanted = run_facts(run_dir).get("begin_from")
     if not (Path(folder) / "parameters.npz").is_file() or _digest(folder) != wanted:
         raise ValueError(
             f"{run_dir} trained the swing alone, beside the model in {folder}, and that is no longer there; "

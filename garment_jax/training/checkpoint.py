@@ -25,6 +25,7 @@ from garment_jax.training.run_directory import CHECKPOINTS
 
 FOLDER = CHECKPOINTS
 _PARTIAL = ".partial"
+_UNREADABLE = "cannot be read; delete it to go on from the one before."
 
 
 class Checkpointer:
@@ -97,7 +98,14 @@ class Checkpointer:
 
     def metadata(self, step: int | None = None) -> dict[str, Any]:
         """What `save` described: `metadata`, `extra`, `step`, `versions`, `leaves`."""
-        return json.loads((self._path(step) / "metadata.json").read_text(encoding="utf-8"))
+        path = self._path(step)
+        try:
+            described = json.loads((path / "metadata.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            described = None
+        if not isinstance(described, dict) or not isinstance(described.get("leaves"), list):
+            raise ValueError(f"{path} {_UNREADABLE}")
+        return described
 
     def _path(self, step: int | None) -> Path:
         chosen = self.latest() if step is None else step
@@ -113,7 +121,7 @@ class Checkpointer:
             with _quiet(), ocp.PyTreeCheckpointer() as reader:
                 stored = reader.restore(path.absolute() / "state") if any(map(_size, entries)) else {}
         except Exception as error:
-            raise ValueError(f"{path} cannot be read; delete it to go on from the one before.") from error
+            raise ValueError(f"{path} {_UNREADABLE}") from error
         values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
         return {entry["path"]: (entry, value) for entry, value in zip(entries, values, strict=True)}
 

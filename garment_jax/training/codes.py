@@ -1,6 +1,8 @@
 """The latent codes of all training frames, once per trained generative model (paper 3.3, Z*)."""
 
 import os
+import zipfile
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -16,15 +18,15 @@ CHUNK = 64  # frames
 def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
     """Return Z* `[t, latent]` of every training clip, mirror images included; cached in the run's folder."""
     path = run.folder / "cache" / "true_codes.npz"
-    if path.exists():
-        with np.load(path) as stored:
-            return [stored[str(i)] for i in range(len(run.data.train))]
+    stored = _stored(path, run)
+    if stored is not None:
+        return stored
 
     @jax.jit
     def mean(params: dict, V: jax.Array) -> jax.Array:
         return encode(params, V, template=run.template, config=run.config.generative).mean
 
-    codes = []
+    codes: list[np.ndarray] = []
     done, frames = 0, sum(len(clip.V) for clip in run.data.train)
     say("motion: encoding the training clips")
     with FrameProgress("motion") as progress:
@@ -38,6 +40,17 @@ def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
             done += len(Z)
             progress(done, frames)
     partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})
+    np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})  # type: ignore[arg-type]
     os.replace(partial, path)
     return codes
+
+
+def _stored(path: Path, run: Run) -> list[np.ndarray] | None:
+    """Return the codes in a file; None where there is none, or one that is damaged."""
+    try:
+        with open(path, "rb") as file, np.load(file) as stored:
+            codes = [stored[str(i)] for i in range(len(run.data.train))]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None
+    whole = all(len(Z) == len(clip.V) for Z, clip in zip(codes, run.data.train, strict=True))
+    return codes if whole else None

@@ -2,12 +2,11 @@
 
 import json
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from garment_jax.config import Config, differences, from_dict, to_dict, to_toml
+from garment_jax.config import Config, differences, load_config, to_dict, to_toml
 
 STAGES = ("generative", "motion", "detail", "swing")
 CHECKPOINTS = "checkpoints"  # folder inside a run
@@ -24,7 +23,7 @@ def prepare_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any]
     ones are then stored. ValueError says which key differs, both values and the remedy.
     """
     path = check_run(run_dir, config, facts=facts)
-    _replace(path / FACTS_NAME, json.dumps(_facts(path) | _plain(facts), indent=1) + "\n")
+    _replace(path / FACTS_NAME, json.dumps(run_facts(path) | _plain(facts), indent=1) + "\n")
     _replace(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
     return path
 
@@ -45,7 +44,7 @@ def check_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any] |
         ) from error
     if (path / CONFIG_NAME).exists():
         changed = differences(to_dict(run_config(path)), to_dict(config))
-        changed += [(k, v, new[k]) for k, v in _facts(path).items() if k in new and new[k] != v]
+        changed += [(k, v, new[k]) for k, v in run_facts(path).items() if k in new and new[k] != v]
         _refuse(path, changed)
     return path
 
@@ -59,12 +58,21 @@ def run_config(run_dir: str | Path) -> Config:
     path = Path(run_dir) / CONFIG_NAME
     if not path.is_file():
         raise FileNotFoundError(f"{run_dir} holds no {CONFIG_NAME}; name a folder that train.py wrote.")
-    return from_dict(tomllib.loads(path.read_text(encoding="utf-8")), source=str(path))
+    return load_config(path)
 
 
-def _facts(path: Path) -> dict[str, Any]:
+def run_facts(path: Path) -> dict[str, Any]:
+    """Return what a run belongs to beside its configuration; empty where there is no run, as `check_run`."""
     file = path / FACTS_NAME
-    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    if not file.exists():
+        return {}
+    try:
+        facts = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        facts = None
+    if not isinstance(facts, dict):
+        raise ValueError(f"{file} is damaged; put it back, or use another --run-dir.")
+    return facts
 
 
 def _refuse(path: Path, changed: list[tuple[str, Any, Any]]) -> None:

@@ -11,7 +11,8 @@ import h5py
 import numpy as np
 
 from garment_jax.data import layout
-from garment_jax.data.hdf5 import dataset, open_hdf5, plain, read_window
+from garment_jax.data.hdf5 import attributes_of, dataset, names_in, open_hdf5, read_window
+from garment_jax.data.sequence import read_arrays
 from garment_jax.data.sequence_writer import MOTION_ONLY
 from garment_jax.intake.finding import Finding, Repair
 from garment_jax.structs import Motion, Scene
@@ -32,9 +33,9 @@ class RawClip:
         self.repairs: list[Repair] = []
         self._file = open_hdf5(self.path)
         try:
-            self.attributes = {key: plain(value) for key, value in self._file.attrs.items()}
+            self.attributes = attributes_of(self._file, str(self.path))
             self._check_version()
-            self._arrays = self._read_arrays()
+            self._arrays = read_arrays(self._file, str(self.path))
             self._vertices, self._scale = self._find_vertices()
             self._total = self._check_frames()
             self._check_layout()
@@ -75,8 +76,7 @@ class RawClip:
 
     def read_extra(self) -> dict[str, np.ndarray]:
         """Return the further per-frame datasets, of the frames that are left."""
-        group = self._file.get("extra")
-        names = list(group) if isinstance(group, h5py.Group) else []
+        names = names_in(self._file, "extra", str(self.path))
         stop = self._total - self._last
         return {
             name: read_window(
@@ -127,30 +127,6 @@ class RawClip:
                 "import the clip again with this release."
             )
 
-    def _read_arrays(self) -> dict[str, np.ndarray]:
-        present: list[str] = []
-        self._file.visititems(
-            lambda name, item: present.append(name) if isinstance(item, h5py.Dataset) else None
-        )
-        arrays = {}
-        for field in layout.fields_of(present):
-            if field.name not in present:
-                continue
-            data = dataset(self._file, field.name, str(self.path))
-            try:
-                text = field.dtype == "U"
-                arrays[field.name] = np.asarray(data.asstr()[()] if text else data[()])
-                arrays[field.name] = arrays[field.name].astype("U" if text else field.dtype)
-            except OSError as error:
-                raise OSError(
-                    f"{self.path} is damaged or truncated; copy, import or predict it again."
-                ) from error
-            except (TypeError, ValueError) as error:
-                raise ValueError(
-                    f"{self.path}: `{field.name}` is {data.dtype}; store {'text' if text else 'numbers'}."
-                ) from error
-        return arrays
-
     def _find_vertices(self) -> tuple[h5py.Dataset | None, float | None]:
         if self.attributes.get("kind") == MOTION_ONLY:
             return None, None
@@ -159,7 +135,7 @@ class RawClip:
             raise ValueError(
                 f"{self.path}: `vertices` is {data.dtype} {data.shape}; store float32 or int16 [t, n, 3]."
             )
-        scale = plain(data.attrs.get("scale")) if data.dtype == np.int16 else None
+        scale = attributes_of(data, str(self.path)).get("scale") if data.dtype == np.int16 else None
         if data.dtype == np.int16 and not (isinstance(scale, float) and 0 < scale < 1):
             raise ValueError(
                 f"{self.path}: attribute scale of `vertices` is {scale!r}; give metres per step."

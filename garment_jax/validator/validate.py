@@ -45,17 +45,12 @@ class Options(NamedTuple):
 def list_files(paths: Sequence[Path]) -> list[Path]:
     """Return the files to look at: those named, and those that are read inside folders named.
 
-    A folder of numbered OBJ or PLY files is one mesh sequence. Raises `FileNotFoundError` for a path that is
-    not there and for a folder without any such file.
+    A folder of numbered OBJ or PLY files is one mesh sequence. A path that is not there, and a folder without
+    any such file, stay in the list: each is a finding like others.
     """
     found: list[Path] = []
     for path in paths:
-        if not path.exists():
-            raise FileNotFoundError(f"{path} is not there; name files or folders to validate.")
-        inside = list(_inside(path)) if path.is_dir() else [path]
-        if not inside:
-            raise FileNotFoundError(f"{path} holds none of {', '.join(KNOWN)}; name the files' own folder.")
-        found += inside
+        found += (path.is_dir() and list(_inside(path))) or [path]
     return list(dict.fromkeys(found))
 
 
@@ -91,6 +86,10 @@ def validate_file(
     }
     suffix, kind = path.suffix.lower(), "unknown"
     try:
+        if not path.exists():
+            raise FileNotFoundError(f"{path} is not there; name files or folders to validate.")
+        if path.is_dir() and not list(_inside(path)):
+            raise FileNotFoundError(f"{path} holds none of {', '.join(KNOWN)}; name the files' own folder.")
         if path.is_dir() or suffix in CACHES:
             kind, found = "mesh sequence", _check_cache(path, options, template)
         elif suffix in checks:

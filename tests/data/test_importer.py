@@ -130,6 +130,13 @@ def test_files_beside_the_clip_must_be_its_own(tmp_path: Path):
     assert not list((tmp_path / "out").rglob("*.h5"))
 
 
+def _put(file: h5py.File, name: str, change: Callable) -> None:
+    value, attributes = change(file[name][()]), dict(file[name].attrs)
+    del file[name]
+    file[name] = value
+    file[name].attrs.update(attributes)
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -137,9 +144,16 @@ def test_files_beside_the_clip_must_be_its_own(tmp_path: Path):
         (lambda file: file.attrs.pop("fps"), "attribute fps is missing"),
         (lambda file: file.attrs.update(length_unit="cm"), "length_unit is 'cm'"),
         (lambda file: file["vertices_delta"].attrs.pop("scale"), "attribute scale of `vertices_delta`"),
-        (lambda file: file["root"].resize(8, axis=0), r"`root` has shape \(8, 3\).*t = 9"),
+        (
+            lambda file: file["vertices_delta"].attrs.update(scale=2.0),
+            "attribute scale of `vertices_delta` is 2.0; give metres per step",
+        ),
+        (lambda file: file["root"].resize(8, axis=0), r"`vertices_delta` has shape \(9, .*t = 8"),
+        (lambda file: _put(file, "vertices_delta", lambda d: d + 0.3), "has type float64; store int16"),
+        (lambda file: _put(file, "uv", lambda uv: np.float32(1)), r"`uv` has shape \(\), expected"),
+        (lambda file: _put(file, "root", lambda root: root[:, 0]), r"`root` has shape \(9,\), expected"),
     ],
-    ids=["no uv", "no fps", "cm", "no scale", "fewer frames"],
+    ids=["no uv", "no fps", "cm", "no scale", "scale of 2", "fewer frames", "floats", "one number", "1 axis"],
 )
 def test_packed_clip_that_does_not_fit_is_refused(tmp_path: Path, change, sentence: str):
     source = write_packed(tmp_path)

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 from garment_jax.data.info import describe, format_description
@@ -31,6 +33,16 @@ def test_facts_of_a_sequence_file(tmp_path: Path):
     text = format_description(str(path), facts)
     assert "garment.vertices" in text
     assert "LeftUpLeg" in text
+
+
+def test_attributes_of_any_kind_are_strict_json(tmp_path: Path):
+    path = write_clip(tmp_path / "clip.h5", 2)
+    with h5py.File(path, "r+") as file:
+        file.attrs.update(nothing=h5py.Empty("f8"), half=float("nan"), two=1 + 2j, bytes=np.bytes_(b"\xff"))
+        file.attrs.update(link=file["root"].ref, void=np.void(b"\0\1"), row=[1.0, float("inf")])
+    facts = describe(path)
+    assert json.loads(json.dumps(facts, allow_nan=False)) == facts
+    assert (facts["half"], facts["row"]) == ("nan", [1.0, "inf"])
 
 
 def test_facts_of_a_run(tmp_path: Path):

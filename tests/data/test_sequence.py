@@ -138,7 +138,22 @@ REFUSALS = {
     "parents in disorder": (_replace("body/parents", _poke(3, 9)), "parent must come before"),
     "weights of 2": (_replace("body/skin_weights", lambda W: W * 2), "`body/skin_weights` sums to 2"),
     "root not finite": (_replace("root", _poke((4, 1), np.nan)), "`root` is not finite in row 4"),
-    "text for numbers": (_replace("root", lambda p: "none"), "`root` has type object; store numbers"),
+    "text for numbers": (_replace("root", lambda p: "none"), "`root` has type text; store numbers"),
+    "numbers for text": (_replace("body/joint_names", lambda n: np.arange(22)), "type int64; store text"),
+    "one number": (_replace("uv", lambda uv: np.float32(1)), r"`uv` has shape \(\), expected \[u, 2\]"),
+    "between two vertices": (
+        _replace("faces", lambda f: f + 0.5),
+        r"`faces` holds \d+\.5; store whole numbers of 32 bits",
+    ),
+    "index of 64 bits": (
+        _replace("faces", lambda f: f.astype(np.int64) + 2**32),
+        r"`faces` holds 42949\d+; store whole numbers of 32 bits",
+    ),
+    "collider without faces": (_replace("collider/faces", lambda f: f[:0]), "0 collider faces"),
+    "more than memory holds": (
+        lambda file: [_delete("root")(file), file.create_dataset("root", (10**15, 3), "f8", chunks=(9, 3))],
+        r"`root` has shape \(1000000000000000, 3\), more than fits into memory",
+    ),
     "no version": (_attribute("schema_version"), "schema_version is None, this release reads 1"),
     "another version": (_attribute("schema_version", 99), "schema_version is 99, this release reads 1"),
     "no fps": (_attribute("fps"), "attribute fps is missing; set it"),
@@ -158,6 +173,39 @@ def test_what_does_not_fit_is_refused_by_name(clip: Path, damage: str):
         open_sequence(clip)
     assert str(clip) in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_whole_numbers_serve_as_indices_in_any_type(clip: Path):
+    with open_sequence(clip) as sequence:
+        faces = sequence.scene.garment.faces
+    with h5py.File(clip, "r+") as file:
+        _replace("faces", lambda f: f.astype(np.float64))(file)
+    with open_sequence(clip) as sequence:
+        assert sequence.scene.garment.faces.dtype == np.int32
+        assert np.array_equal(sequence.scene.garment.faces, faces)
+
+
+def _said(clip: Path) -> str | None:
+    """Return the refusal, None where all of the clip can be read."""
+    try:
+        with open_sequence(clip) as sequence:
+            sequence.read(0, sequence.frames)
+    except (ValueError, OSError) as error:
+        return str(error)
+    return None
+
+
+def test_any_damage_ends_in_a_sentence(clip: Path):
+    whole, said = clip.read_bytes(), []
+    for seed in range(150):
+        random = np.random.default_rng(seed)
+        size = int(random.choice([1, 8, 64, 512]))
+        place = int(random.integers(len(whole) - size))
+        clip.write_bytes(whole[:place] + random.bytes(size) + whole[place + size :])
+        said.append(_said(clip))
+    refusals = [sentence for sentence in said if sentence is not None]
+    assert 0 < len(refusals) < len(said)  # some bytes matter, others are padding
+    assert all(str(clip) in sentence and "\n" not in sentence for sentence in refusals)
 
 
 def test_packed_clip_is_sent_to_import(tmp_path: Path):

@@ -50,7 +50,7 @@ def test_vertices_that_are_not_finite_are_named_by_clip_and_frame(tmp_path, valu
     path = write_clip(tmp_path / "tango.h5", 12, encoding="float32")
     with h5py.File(path, "r+") as file:
         file["vertices"][8, 17, 2] = value
-    refuse(path, rf"clip tango: vertex 17 of frame 8 is .*{value}.*; cut", window=5)
+    refuse(path, rf"tango\.h5: vertex 17 of frame 8 is .*{value}.*; cut", window=5)
 
 
 def test_wrong_units_are_refused_with_the_size(tmp_path, scene):
@@ -60,16 +60,16 @@ def test_wrong_units_are_refused_with_the_size(tmp_path, scene):
     garment_only = scene._replace(garment=large.garment)
     still = make_vertices(scene, make_motion(scene, 4))
     for name, broken, sentence in (
-        ("a", body_only, r"clip a: the body is 13\d m large, which looks like centimetres"),
-        ("b", garment_only, r"clip b: the template is 80 m large, which looks like centimetres"),
-        ("c", scaled(scene, 1e-2), r"clip c: the template is 0\.008 m large, which looks like another unit"),
+        ("a", body_only, r"a\.h5: the body is 13\d m large, which looks like centimetres"),
+        ("b", garment_only, r"b\.h5: the template is 80 m large, which looks like centimetres"),
+        ("c", scaled(scene, 1e-2), r"c\.h5: the template is 0\.008 m large, which looks like another unit"),
     ):
         path = write_clip(tmp_path / f"{name}.h5", 4, scene=broken, encoding="float32")
         refuse(path, sentence)
     path = write_clip(tmp_path / "d.h5", 4, encoding="float32")
     with h5py.File(path, "r+") as file:
         file["vertices"][...] = still * CENTIMETRES
-    refuse(path, r"clip d: the garment reaches [\d.]+ m from the root, which looks like another unit")
+    refuse(path, r"d\.h5: the garment reaches [\d.]+ m from the root, which looks like another unit")
 
 
 def test_root_in_centimetres_or_a_jump_is_refused_with_its_frame(tmp_path, scene):
@@ -87,15 +87,15 @@ def test_root_in_centimetres_or_a_jump_is_refused_with_its_frame(tmp_path, scene
 def test_static_clips_are_refused(tmp_path, scene):
     motion = make_motion(scene, 12)
     still = Motion(motion.rotations[[0] * 12], motion.root[[0] * 12], 30.0)
-    refuse(write_clip(tmp_path / "pose.h5", motion=still), "clip pose is static: its 12 frames hold one pose")
+    refuse(write_clip(tmp_path / "pose.h5", motion=still), r"pose\.h5 is static: its 12 frames hold one pose")
     path = write_clip(tmp_path / "world.h5", 12, encoding="float32")
     with h5py.File(path, "r+") as file:
         file["vertices"][...] = file["vertices"][:1]
-    refuse(path, r"clip world is static: no vertex moves more than 0\.000 mm; leave it out")
+    refuse(path, r"world\.h5 is static: no vertex moves more than 0\.000 mm; leave it out")
     path = write_clip(tmp_path / "carried.h5", 12)
     with h5py.File(path, "r+") as file:
         file["vertices"][...] = file["vertices"][:1]
-    refuse(path, "clip carried is static: no vertex moves")
+    refuse(path, r"carried\.h5 is static: no vertex moves")
 
 
 def test_broken_rotations_are_refused_with_their_frame(tmp_path, scene):
@@ -128,7 +128,7 @@ def test_a_mirrored_rotation_is_named_by_its_frame_and_joint(tmp_path, scene):
 def test_missing_joints_are_named(tmp_path, scene):
     path = write_clip(tmp_path / "clip.h5", 4)
     refuse(
-        path, r"clip clip: the body has no joint Tail, LeftWing; it has Hips.*", joints=("Tail", "LeftWing")
+        path, r"clip\.h5: the body has no joint Tail, LeftWing; it has Hips.*", joints=("Tail", "LeftWing")
     )
     with open_sequence(path) as sequence, pytest.raises(ValueError, match="has no joint Tail"):
         check_input(sequence, joints=("Hips", "Tail"))

@@ -32,12 +32,16 @@ def test_other_faces(tmp_path):
 
 def test_another_number_of_frames(tmp_path):
     scene = make_scene()
-    assert "5 frames but truth has 6" in _refusal(tmp_path, {}, {"motion": make_motion(scene, 5)})
+    assert f"5 frames but {tmp_path / 'truth.h5'} has 6" in _refusal(
+        tmp_path, {}, {"motion": make_motion(scene, 5)}
+    )
 
 
 def test_another_rate(tmp_path):
     motion = make_motion(make_scene(), 6)
-    assert "60 fps but truth at 30" in _refusal(tmp_path, {}, {"motion": motion._replace(fps=60.0)})
+    assert f"60 fps but {tmp_path / 'truth.h5'} at 30" in _refusal(
+        tmp_path, {}, {"motion": motion._replace(fps=60.0)}
+    )
 
 
 def test_another_motion_names_the_first_frame_that_differs(tmp_path):
@@ -55,7 +59,7 @@ def test_vertices_that_are_not_finite_name_clip_frame_and_vertex(tmp_path):
         file["vertices"][7, 5, 1] = np.nan
     with open_sequence(path) as clip:
         assert read_finite(clip, 0, 7).shape == (7, 128, 3)
-        with pytest.raises(ValueError, match="broken: vertex 5 of frame 7 is not finite"):
+        with pytest.raises(ValueError, match=r"broken\.h5: vertex 5 of frame 7 is not finite"):
             read_finite(clip, 6, 9)
 
 

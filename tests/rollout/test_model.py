@@ -1,6 +1,7 @@
 """Models on disk: what is written comes back, what is damaged is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import jax
@@ -145,6 +146,38 @@ def test_a_swing_looks_where_it_has_learnt_to_whatever_collider_a_clip_has(tmp_p
     other = SCENE.body._replace(faces=SCENE.body.faces[::-1])  # numbers of vertices that mean nothing here
     scene = SCENE._replace(body=other, collider=everything(other))
     np.testing.assert_array_equal(looked_at(model, scene), looked_at(older, scene))
+
+
+def test_files_of_two_models_are_damage(tmp_path: Path):
+    folder = save_model(tiny_model(), tmp_path / "model")
+    config = (folder / "config.toml").read_text()
+    refused = pytest.raises(ValueError, match=r"damaged model \(config.toml has motion.gru = 7, ")
+    (folder / "config.toml").write_text(re.sub(r"(?m)^gru = .*$", "gru = 7", config))
+    for read in (load_model, module.model_facts):
+        with refused:
+            read(folder)
+    (folder / "config.toml").write_text(re.sub(r"(?m)^eps = .*$", "eps = 0.006", config))
+    assert load_model(folder).config.collision.eps == 0.006  # what shapes no network may be changed
+    with np.load(folder / "parameters.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    lost = next(name for name in arrays if name.startswith("motion/"))
+    for name, others in (("fewer", {lost: None}), ("larger", {lost: np.zeros(3)})):
+        kept = {k: v for k, v in (arrays | others).items() if v is not None}
+        np.savez(folder / "parameters.npz", **kept)
+        with pytest.raises(ValueError, match=r"\(parameters.npz has other arrays than it was saved with\)"):
+            load_model(folder, leave_out=("detail",))
+        assert name
+
+
+def test_an_older_model_that_does_not_say_what_shapes_it_loads(tmp_path: Path):
+    folder = save_model(tiny_model(), tmp_path / "model")
+    facts = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps({k: facts[k] for k in ("garment_hash", "vertices", "fps")}))
+    assert load_model(folder).vertices == facts["vertices"]
+    for name, value in (("fps", 0), ("fps", "30"), ("vertices", "32"), ("garment_hash", 3)):
+        (folder / "model.json").write_text(json.dumps(facts | {name: value}))
+        with pytest.raises(ValueError, match=rf"model holds a damaged model \(model.json has {name} = "):
+            load_model(folder)
 
 
 @pytest.mark.parametrize("text", ["[]", "null", "3", '{"seen": []}'])

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -25,7 +26,7 @@ def test_figures_are_those_of_the_curve():
 
 def test_a_restart_outside_the_clip_is_refused(tmp_path: Path):
     pytest.importorskip("newton")
-    sentence = "--start 12 is not inside clip, which has 12 frames"
+    sentence = "--start 12 is not inside .*, which has 12 frames"
     with (
         open_sequence(write_clip(tmp_path / "clip.h5", 12)) as clip,
         pytest.raises(ValueError, match=sentence),
@@ -63,7 +64,7 @@ def test_the_clips_own_cloth_goes_on_as_it_did(tmp_path: Path):
         ] == pytest.approx(same[-1])
         assert floor_of(clip, other, start=3, frames=6, own_start=True).rmse_cm[-1] > 3 * same[-1]
         for start in (0, 11):
-            with pytest.raises(ValueError, match=f"a frame before and after --start {start} of clip"):
+            with pytest.raises(ValueError, match=f"a frame before and after --start {start} of .*clip"):
                 floor_of(clip, settings, start=start, own_start=True)
 
 
@@ -105,3 +106,17 @@ def test_the_second_simulation_says_what_it_is_and_may_be_written_again(tmp_path
     with open_sequence(out) as again:
         assert again.attributes["kind"] == "simulated"
         assert again.attributes["restarted_at_frame"] == 0
+
+
+def test_floor_refuses_what_would_end_in_nonsense_before_it_simulates(tmp_path: Path, capsys):
+    pytest.importorskip("newton")
+    clip = write_clip(tmp_path / "clip.h5", 12, encoding="float32")
+    with h5py.File(clip, "r+") as file:
+        file["vertices"][7, 5, 1] = np.nan
+    assert main(["floor", str(clip), "--start", "3"]) == 2
+    assert "clip.h5: vertex 5 of frame 7 is" in capsys.readouterr().err
+    large = make_scene()
+    body = large.body._replace(vertices=large.body.vertices * 100, joints=large.body.joints * 100)
+    clip = write_clip(tmp_path / "cm.h5", 12, scene=large._replace(body=body), encoding="float32")
+    assert main(["floor", str(clip), "--start", "3"]) == 2
+    assert "looks like centimetres" in capsys.readouterr().err

@@ -183,3 +183,12 @@ def test_missing_and_damaged_checkpoints_say_what_to_do(tmp_path: Path) -> None:
     shutil.rmtree(path / "state")
     with pytest.raises(ValueError, match=r"stage/1 cannot be read; delete it"):
         saver.restore({"x": jnp.zeros(2)})
+
+
+@pytest.mark.parametrize("text", ["", "[]", "null", '{"leaves": 3}'])
+def test_a_description_that_is_none_is_refused_with_the_remedy(tmp_path: Path, text: str) -> None:
+    saver = Checkpointer(tmp_path, "stage")
+    (saver.save(3, state()) / "metadata.json").write_text(text)
+    for read in (saver.metadata, lambda: saver.tree("params"), lambda: saver.restore(state())):
+        with pytest.raises(ValueError, match=r"stage/3 cannot be read; delete it to go on"):
+            read()

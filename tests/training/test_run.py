@@ -80,7 +80,7 @@ def spoil(path: Path, frame: int, vertex: int, value: float) -> None:
 def test_vertices_that_are_not_finite_name_clip_and_frame(tmp_path: Path, value: float):
     write(tmp_path, "waltz")
     spoil(write(tmp_path, "salsa"), 6, 3, value)
-    with pytest.raises(ValueError, match=r"clip salsa: vertex 3 of frame 6 is .*; cut the clip before"):
+    with pytest.raises(ValueError, match=r"salsa\.h5: vertex 3 of frame 6 is .*; cut the clip before"):
         open_(tmp_path)
     assert not (tmp_path / "run" / "config.toml").exists()
 
@@ -105,7 +105,7 @@ def renamed() -> dict:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"motion": still()}, "clip bad is static: its 9 frames hold one pose; leave it out"),
+        ({"motion": still()}, r"bad\.h5 is static: its 9 frames hold one pose; leave it out"),
         (large(make_motion(SCENE, 9)), "m large, which looks like centimetres or millimetres; convert"),
         (renamed(), "no joint '?LeftLeg'?; it has"),
         ({"motion": make_motion(SCENE, 9, fps=60.0)}, "has 60 fps and .* 30; resample one"),

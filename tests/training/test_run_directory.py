@@ -22,6 +22,14 @@ def test_another_configuration_is_refused_with_key_values_and_remedy(tmp_path: P
     assert run_config(tmp_path) == Config()
 
 
+@pytest.mark.parametrize("text", ["[]", "null", "{", "3"])
+def test_facts_that_are_none_are_refused(tmp_path: Path, text: str) -> None:
+    prepare_run(tmp_path, Config(), facts={"garment": "a"})
+    (tmp_path / "facts.json").write_text(text)
+    with pytest.raises(ValueError, match=r"facts\.json is damaged; put it back, or use another --run-dir"):
+        check_run(tmp_path, Config(), facts={"garment": "a"})
+
+
 def test_many_differences_are_counted(tmp_path: Path) -> None:
     prepare_run(tmp_path, Config())
     words = [

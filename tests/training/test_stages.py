@@ -71,6 +71,10 @@ def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, ca
     for again, code in zip(true_codes(run, {}), Z, strict=True):
         np.testing.assert_array_equal(again, code)
     assert not capsys.readouterr().err
+    cache = run.folder / "cache" / "true_codes.npz"
+    cache.write_bytes(cache.read_bytes()[:-99])  # damaged, it is made anew
+    for again, code in zip(true_codes(run, params), Z, strict=True):
+        np.testing.assert_array_equal(again, code)
 
 
 def test_detail_can_learn_from_free_rollouts(run: Run):
