@@ -26,6 +26,15 @@ def open_hdf5(path: Path) -> h5py.File:
         raise OSError(f"{path} {reason}; {_AGAIN}.") from error
 
 
+def can_open(path: Path) -> bool:
+    """Return whether a whole HDF5 file is at `path`, whoever wrote it."""
+    try:
+        open_hdf5(path).close()
+    except OSError:
+        return False
+    return True
+
+
 def dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
     """Return a dataset by name; ValueError if it is missing or a group, OSError if `where` is damaged."""
     with _reading(where):

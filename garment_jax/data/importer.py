@@ -14,7 +14,7 @@ import h5py
 
 from garment_jax.data import layout
 from garment_jax.data.content_hash import stored_attribute, stored_hash
-from garment_jax.data.hdf5 import attributes_of, dataset, open_hdf5
+from garment_jax.data.hdf5 import attributes_of, can_open, dataset, open_hdf5
 from garment_jax.data.packed_clip import (
     check_packed,
     check_pins,
@@ -95,7 +95,7 @@ def import_clip(
 
 def _check_replaceable(path: Path, source: Path, attributes: dict) -> None:
     """Raise `ValueError` where a clip would replace one that is not an older form of it."""
-    if stored_attribute(path, "schema_version") is None:  # nothing is there, or nothing whole
+    if not can_open(path):  # nothing is there, or nothing whole
         return
     before = [stored_attribute(path, name) for name in ("kind", "source", "imported_from")]
     if before != ["simulated", str(attributes.get("source", "")) or None, None]:

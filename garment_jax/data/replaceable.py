@@ -71,7 +71,7 @@ def check_own(out: Path, marks: Iterable[bytes], command: str) -> None:
         beginning = file.read(65_536)
     if not any(mark in beginning for mark in marks):
         raise ValueError(
-            f"--out {out} is there and {command} did not write it; name another --out, or move it away."
+            f"{out} is there and {command} did not write it; name another --out, or move it away."
         )
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from garment_jax.evaluation.drawn_by import WRITER
+
 SAMPLES = 8  # pictures that the palette is made from
 
 
@@ -39,4 +41,5 @@ def save_gif(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, col
         append_images=small[1:],
         duration=[int(d) for d in 10 * np.diff(edges)],
         loop=0,
+        comment=WRITER.encode(),
     )

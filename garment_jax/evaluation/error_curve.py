@@ -6,6 +6,8 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from garment_jax.evaluation.drawn_by import WRITER
+
 
 def save_error_curve(
     path: Path, rmse_cm: np.ndarray, largest_cm: np.ndarray, *, fps: float, title: str
@@ -27,7 +29,7 @@ def save_error_curve(
     axes.legend(frameon=False, loc="upper right", ncols=3, fontsize=8)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        figure.savefig(temporary, format="png")
+        figure.savefig(temporary, format="png", metadata={"Software": WRITER})
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.data.replaceable import check_own
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.animation import film_frames, save_gif
 from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
+from garment_jax.evaluation.drawn_by import WRITER, png_text
 from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
@@ -46,7 +48,8 @@ def render_files(
     and the film together. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
-    range and an `out` that is a file, `OSError` where the folder cannot be made. Works without a display.
+    range, an `out` that is a file and pictures there that another program drew, `OSError` where the folder
+    cannot be made. Works without a display.
     """
     _check_settings(paths, frames, height, seconds, scale_cm, azimuth)
     out = Path(out)
@@ -55,21 +58,21 @@ def render_files(
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
         _make_folder(out)
-        name, written, title = Path(paths[0]).stem, [], _title(clips[-1])
-        if len(clips) == 2:
-            written.append(out / f"{name}_error.png")
-            title += f", RMSE {_error_curve(clips, written[0]):.2f} cm"
+        name, title = Path(paths[0]).stem, _title(clips[-1])
         views = [(azimuth, "sheet"), (90.0, "side")] if side_view else [(azimuth, "sheet")]
+        sheets = [out / f"{name}_{word}.png" for _, word in views]
+        curve, movie = out / f"{name}_error.png", out / f"{name}.gif"
+        written = [*([curve] if len(clips) == 2 else []), *sheets, *([movie] if animation else [])]
+        for path in written:
+            check_own(path, [WRITER.encode()], "render")
+        if len(clips) == 2:
+            title += f", RMSE {_error_curve(clips, curve):.2f} cm"
         film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
         drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
-        for angle, word in views:
-            path = out / f"{name}_{word}.png"
+        for (angle, _), path in zip(views, sheets, strict=True):
             _sheet(clips, path, title, frames, height, angle, scale_cm, whole_body, drawn)
-            written.append(path)
         if animation:
-            path = out / f"{name}.gif"
-            _film(clips, path, azimuth, scale_cm, film, whole_body, drawn)
-            written.append(path)
+            _film(clips, movie, azimuth, scale_cm, film, whole_body, drawn)
         return written
 
 
@@ -151,7 +154,7 @@ def _sheet(
     sheet = contact_sheet(title, heads, rows, scale)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        sheet.save(temporary, format="PNG", optimize=True)
+        sheet.save(temporary, format="PNG", optimize=True, pnginfo=png_text())
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

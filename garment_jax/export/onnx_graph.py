@@ -16,6 +16,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 from garment_jax.export.onnx_builder import Builder, Value
 from garment_jax.export.onnx_operators import OPERATORS
 
+PRODUCER = "garment_jax"
 OPSETS = (17, 21)  # lowest and highest that the operators are written for
 NESTED = ("jaxpr", "call_jaxpr", "fun_jaxpr")  # under these names a primitive holds a jaxpr to inline
 _IR_VERSIONS = {17: 8, 18: 8, 19: 9, 20: 9, 21: 10}  # those that the ONNX releases of these sets shipped with
@@ -67,7 +68,7 @@ def to_onnx(
         graph,
         opset_imports=[helper.make_opsetid("", opset)],
         ir_version=_IR_VERSIONS[opset],
-        producer_name="garment_jax",
+        producer_name=PRODUCER,
     )
     helper.set_model_props(model, metadata)
     onnx.checker.check_model(model, full_check=True)

@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.motion_features import chosen_joints, feature_names
+from garment_jax.data.replaceable import check_own
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
-from garment_jax.export.onnx_graph import Port, check_opset, to_onnx
+from garment_jax.export.onnx_graph import PRODUCER, Port, check_opset, to_onnx
 from garment_jax.export.step_subject import (
     StepSubject,
     frame_fields,
@@ -33,6 +34,8 @@ from garment_jax.rollout.attachment import REACH, attached
 
 SCHEMA = "garment_jax-step-1"
 OPSET = 17  # the newest that onnxruntime 1.12 (2022) and the hosts built on it load
+_MAYBE = ("attach", "swing")  # graphs that not every model has
+_BESIDE = ("start", "frame", *_MAYBE)
 CHECKED_FRAMES = 20  # of the clip, run by onnxruntime and by JAX
 
 
@@ -62,6 +65,8 @@ def export_step(
         )
     check_opset(opset)
     _need("onnx", *(["onnxruntime"] if check else []))
+    for path in [out, *(out.with_suffix(f".{kind}.onnx") for kind in _BESIDE)]:
+        check_own(path, [PRODUCER.encode()], "export")
     subject = load_subject(run_or_model, clip, frames=CHECKED_FRAMES)
     graphs = {
         out: _step_graph(subject, detail, opset),
@@ -73,12 +78,12 @@ def export_step(
     if subject.scene.pins is not None:
         graphs[out.with_suffix(".attach.onnx")] = _attach_graph(subject, subject.scene.pins.vertices, opset)
     serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
-    kinds = {f"{kind}_graph": serial.get(out.with_suffix(f".{kind}.onnx")) for kind in ("attach", "swing")}
+    kinds = {f"{kind}_graph": serial.get(out.with_suffix(f".{kind}.onnx")) for kind in _MAYBE}
     measured = check_graphs(subject, detail, *list(serial.values())[:3], **kinds) if check else {}
     with written_whole(*serial) as temporary:
         for path, content in zip(temporary, serial.values(), strict=True):
             path.write_bytes(content)
-    for kind in ("attach", "swing"):  # of another model that lay here
+    for kind in _MAYBE:  # of another model that lay here
         if (stale := out.with_suffix(f".{kind}.onnx")) not in serial:
             stale.unlink(missing_ok=True)
     files = {

@@ -17,7 +17,7 @@ def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
 
     The OBJ is the garment's template on the canonical body (the body's canonical pose): what cloth tools
     call the rest shape. Returns the files. Raises `ValueError` where an OBJ of that name is there that no
-    export wrote: it may be the garment's source.
+    export wrote (it may be the garment's source), or a cache beside which no export's OBJ is.
     """
     body = out.with_name(f"{out.stem}_body{out.suffix}")
     caches = [out, body] if clip.with_body else [out]
@@ -27,6 +27,11 @@ def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
             raise ValueError(
                 f"{path} is there and no export wrote it, and the mesh of {out.name} is written to it; name "
                 "another --out."
+            )
+    for cache in caches:  # whose own format has no place for who wrote it
+        if cache.exists() and not cache.with_suffix(".obj").exists():
+            raise ValueError(
+                f"{cache} is there and export did not write it; name another --out, or move it away."
             )
     garment = clip.garment
     with written_whole(*files) as temporary:

@@ -9,13 +9,18 @@ import numpy as np
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.usd import load_pxr
-from garment_jax.formats.usd_writer import UsdMesh, write_usd
+from garment_jax.formats.usd_writer import UsdMesh, is_our_usd, write_usd
 from garment_jax.geometry.normals import vertex_normals
 
 
 def export_usd(clip: ExportClip, out: Path) -> list[Path]:
-    """Write `.usd`, `.usda`, `.usdc` or `.usdz`; return the file. Needs the extra `usd`."""
+    """Write `.usd`, `.usda`, `.usdc` or `.usdz`; return the file. Needs the extra `usd`.
+
+    Raises `ValueError` where a stage is there that no export wrote.
+    """
     load_pxr()
+    if out.is_file() and not is_our_usd(out):
+        raise ValueError(f"{out} is there and export did not write it; name another --out, or move it away.")
     garment = clip.garment
     meshes = [UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv)]
     meshes += [UsdMesh("Body", clip.body.faces, None, None)] if clip.with_body else []

@@ -8,6 +8,7 @@ import numpy as np
 
 from garment_jax.formats.usd import load_pxr
 
+_WRITER = "garment_jax"  # key of a layer's own data
 _SAVED_EVERY = 32  # frames; a binary layer that is saved keeps no values in memory
 
 
@@ -73,7 +74,18 @@ def _new_stage(path: Path, pxr: Any, fps: float, first_frame: float, count: int)
     root = pxr.UsdGeom.Xform.Define(stage, "/Clip").GetPrim()
     pxr.Usd.ModelAPI(root).SetKind(pxr.Kind.Tokens.component)
     stage.SetDefaultPrim(root)
+    layer.customLayerData = {_WRITER: True}
     return stage
+
+
+def is_our_usd(path: Path) -> bool:
+    """Return whether `write_usd` wrote a file."""
+    pxr = load_pxr()
+    try:
+        layer = pxr.Sdf.Layer.OpenAsAnonymous(str(path))  # not from a cache of what was there before
+    except pxr.Tf.ErrorException:
+        return False
+    return layer is not None and bool(layer.customLayerData.get(_WRITER))
 
 
 def _add_mesh(stage: Any, mesh: UsdMesh, pxr: Any) -> Any:

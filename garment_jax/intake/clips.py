@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from garment_jax.data import layout
 from garment_jax.data.content_hash import body_hash, stored_attribute, stored_hash
+from garment_jax.data.hdf5 import can_open
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.sequence_writer import SequenceWriter
 from garment_jax.formats.mesh_cache import files_named_in
@@ -128,7 +129,7 @@ def _check_replaceable(path: Path, source: Source) -> None:
     if path.resolve() in {file.resolve() for file in source.files}:
         raise ValueError(f"{path} is what is read; choose another --out.")
     made_from = stored_attribute(path, "imported_from")
-    if stored_attribute(path, "schema_version") is not None and made_from != source.path.name:
+    if can_open(path) and made_from != source.path.name:
         raise ValueError(
             f"{path} is there and was made from {made_from or 'something else'}, not {source.path.name}; "
             "choose another --out or move it."

@@ -74,7 +74,10 @@ def check_out(files: Sequence[Path], out: Path) -> None:
 
 
 def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None = None) -> Fixed:
-    """Write the repaired copy of one file, whole or not at all; what is in the way is told, not raised."""
+    """Write the repaired copy of one file, whole or not at all; what is in the way is told, not raised.
+
+    A file that is there stays: copies keep no word of who wrote them.
+    """
     fixers: dict[str, Callable[[Path, Path, float | None], list[str]]] = {
         ".h5": _fix_clip,
         ".bvh": _fix_bvh,
@@ -85,6 +88,8 @@ def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None 
     if fixer is None or path.is_dir():
         return Fixed(path, None, [])
     to = target(path, files, out)
+    if to.exists():
+        return Fixed(path, None, [], f"{to} is there already; move it away, or name another --out")
     try:
         done = fixer(path, to, fps)
     except (ValueError, OSError) as error:

@@ -1,5 +1,6 @@
 """Importing packed clips: exact, whole or not at all, not twice, and refusals by name."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -76,6 +77,17 @@ def test_what_is_no_older_form_of_the_clip_is_not_replaced(tmp_path: Path):
         with pytest.raises(ValueError, match="is there and was not imported from"):
             import_clips([source], tmp_path / "out", progress=quiet)
         assert path.read_bytes() == before
+
+
+def test_another_programs_file_is_not_replaced(tmp_path: Path):
+    source = write_packed(tmp_path, frames=5)
+    path = tmp_path / "out/train/waltz.h5"
+    path.parent.mkdir(parents=True)
+    shutil.copy(source, path)  # a packed clip beside which nothing says whose it is
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="is there and was not imported from"):
+        import_clips([source], tmp_path / "out", progress=quiet)
+    assert path.read_bytes() == before
 
 
 def test_damaged_import_is_made_again(tmp_path: Path):

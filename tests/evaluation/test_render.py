@@ -36,6 +36,25 @@ def test_a_pair_gives_sheet_curve_side_view_and_film(pair, tmp_path, monkeypatch
         assert film.n_frames == 3
 
 
+def test_pictures_of_others_are_not_replaced_and_its_own_are(pair, tmp_path, monkeypatch):
+    monkeypatch.setattr(render, "FILM_HEIGHT", 48)
+    names = ["p.gif", "p_error.png", "p_sheet.png"]
+    options = {"frames": 1, "height": 60, "animation": True, "seconds": 0.1}
+    for _ in range(2):
+        render_files(pair, tmp_path, **options)
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    for name in names:
+        whole = (tmp_path / name).read_bytes()
+        with Image.open(tmp_path / name) as picture:
+            pixels = np.asarray(picture.convert("RGB"))
+        Image.fromarray(pixels).save(tmp_path / name)  # as any other program would write it
+        before = (tmp_path / name).read_bytes()
+        with pytest.raises(ValueError, match=rf"{name} is there and render did not write it; name another"):
+            render_files(pair, tmp_path, **options)
+        assert (tmp_path / name).read_bytes() == before
+        (tmp_path / name).write_bytes(whole)
+
+
 def test_one_clip_gives_one_row(pair, tmp_path):
     written = render_files(pair[1:], tmp_path / "new", frames=2, height=64)
     assert [p.name for p in written] == ["t_sheet.png"]

@@ -126,8 +126,10 @@ def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path,
         assert main(["export", str(clip), "--out", str(tmp_path / "a.pc2")]) == 0
 
 
-@pytest.mark.parametrize("name", ["a.npz", "a.glb"])
+@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.usda", "a.usdc", "a.usdz"])
 def test_a_file_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+    if "usd" in name:
+        pytest.importorskip("pxr")
     out = tmp_path / name
     export_file(clip, out, stop=3)
     export_file(clip, out, stop=2)
@@ -137,6 +139,25 @@ def test_a_file_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path,
     with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
         export_file(clip, out, stop=2)
     assert out.read_bytes() == before
+
+
+def test_a_stage_of_another_program_is_not_replaced(tmp_path: Path, clip: Path):
+    pxr = pytest.importorskip("pxr.Usd")
+    out = tmp_path / "a.usda"
+    stage = pxr.Stage.CreateNew(str(out))
+    stage.DefinePrim("/Clip")
+    stage.Save()
+    with pytest.raises(ValueError, match=r"a\.usda is there and export did not write it"):
+        export_file(clip, out, stop=2)
+
+
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
+def test_a_cache_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+    out = tmp_path / name
+    out.write_bytes(b"POINTCACHE2")
+    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
+        export_file(clip, out, stop=2)
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".h5"] == [name]
 
 
 def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -219,6 +220,12 @@ def test_what_was_not_made_from_the_same_file_is_never_replaced(case: Path, caps
     assert "data/train/walk.h5 is what is read; choose another --out." in capsys.readouterr().err
     assert (case / "data/train/walk.h5").read_bytes() == before
     assert not (case / "data/test").exists()
+    with h5py.File("foreign.h5", "w") as file:
+        file["somebody's"] = 1
+    Path("other/train").mkdir(parents=True)
+    shutil.move("foreign.h5", "other/train/walk.h5")
+    assert garment_jax(["import", "walk.bvh", *OWN, "--fps", "30", "--out", "other"]) == 2
+    assert "other/train/walk.h5 is there and was made from something else" in capsys.readouterr().err
     # a clip made from the same file is
     assert garment_jax(["import", "walk.bvh", *OWN, "--fps", "30", "--out", "own"]) == 0
     assert garment_jax(["import", "walk.bvh", *OWN, "--fps", "60", "--out", "own"]) == 0
