@@ -31,6 +31,15 @@ from tests.rollout.tiny_model import SCENE
             ["--vary", "clips", "--body", "me.npz"],
             "--vary brings its own scene and motions; leave out --body",
         ),
+        (
+            ["--embedded", "skirt", "--skip", "3"],
+            "own scene and motions; leave out --skip",
+        ),
+        (["--embedded", "skirt", "--turn", "9"], "leave out --turn"),
+        (["--vary", "clips", "--pins", "none"], "--vary brings its own scene and motions; leave out --pins"),
+        (["--vary", "clips", "--embedded", "skirt"], "--embedded and --vary are two ways to get motions"),
+        (["--motion", "moves", "--kicks", "3"], "--kicks is for simulate --vary; leave it out"),
+        (["--motion", "moves", "--vertices", "300"], "--vertices is for simulate --embedded; leave it out"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path, words, sentence, capsys):

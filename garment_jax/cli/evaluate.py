@@ -28,11 +28,15 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.evaluation.command import evaluate_files
     from garment_jax.evaluation.table import format_table
     from garment_jax.export.written_whole import written_whole
+    from garment_jax.progress import FrameProgress
 
     pairs = pair_files(options.pred, options.truth)
     if options.out is not None:
         check_out(options.out, [path for pair in pairs for path in pair])
-    figures = [evaluate_files(pred, truth, every=options.every) for pred, truth in pairs]
+    figures = []
+    for pred, truth in pairs:
+        with FrameProgress(pred.stem) as progress:
+            figures.append(evaluate_files(pred, truth, every=options.every, progress=progress))
     text = json.dumps(figures if options.pred.is_dir() else figures[0])
     if options.out is not None:  # first: who reads what is printed may leave early
         with written_whole(options.out) as (temporary,):

@@ -6,6 +6,17 @@ from pathlib import Path
 
 from garment_jax.cli.choices import GARMENTS
 
+# what each way to get motions looks at, beside what all do
+WAYS = {
+    "embedded": ("vertices", "frames", "seed"),
+    "vary": ("copies", "crosses", "turn", "spins", "kicks", "longest", "seed", "pattern"),
+    "garment": (
+        *("garment", "unwrap", "fit_uv", "drop_duplicates", "pattern", "pins", "collider"),
+        *("body", "betas", "body_unit", "body_up"),
+        *("motion", "joints", "source_fps", "skip", "motion_unit", "motion_up", "keep_height", "test"),
+    ),
+}
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
@@ -71,7 +82,8 @@ def add(commands) -> None:
     parser.add_argument(
         "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
     )
-    parser.set_defaults(run=run)
+    defaults = {name: parser.get_default(name) for names in WAYS.values() for name in names}
+    parser.set_defaults(run=run, defaults=defaults)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -129,26 +141,19 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check_way(options: argparse.Namespace) -> None:
-    """Refuse files that would not be looked at."""
-    own = (
-        "garment",
-        "body",
-        "betas",
-        "body_unit",
-        "body_up",
-        "collider",
-        "motion",
-        "joints",
-        "unwrap",
-        "fit_uv",
-        "drop_duplicates",
-    )
-    for way, others in (("embedded", ("vary", "pattern", *own)), ("vary", own)):
-        given = [name for name in others if getattr(options, name) is not None]
-        if getattr(options, way) is not None and given:
-            raise ValueError(
-                f"--{way} brings its own scene and motions; leave out --{given[0].replace('_', '-')}."
-            )
+    """Refuse options that would not be looked at: those of another way than the one that is asked for."""
+    both = [way for way in ("embedded", "vary") if getattr(options, way) is not None]
+    if len(both) == 2:
+        raise ValueError("--embedded and --vary are two ways to get motions; leave one out.")
+    way = both[0] if both else "garment"
+    for other, names in WAYS.items():
+        for name in names:
+            if name in WAYS[way] or getattr(options, name) == options.defaults[name]:
+                continue
+            option = name.replace("_", "-")
+            if both:
+                raise ValueError(f"--{way} brings its own scene and motions; leave out --{option}.")
+            raise ValueError(f"--{option} is for simulate --{other}; leave it out.")
 
 
 def _own_files(options: argparse.Namespace, fps: float) -> tuple:

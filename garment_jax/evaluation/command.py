@@ -1,6 +1,6 @@
 """`garment-jax evaluate`: every metric of a predicted clip against the simulated one, by windows."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ def evaluate_files(
     sted_c: float = sted.WEIGHT,
     sted_window_frames: int = sted.WINDOW,
     arms: bool = True,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Return the metrics of sequence file `pred` against `truth`: JSON-able, units in the names.
 
@@ -39,7 +40,7 @@ def evaluate_files(
     number each, None where it does not apply), `per_frame` (lists over all frames) and
     `per_sampled_frame` (lists over every `every`-th frame: Hausdorff, penetration and
     self-intersections, which cost about a tenth of a second each). `arms=False` leaves out the
-    penetration of what is not part of the collider.
+    penetration of what is not part of the collider. `progress` is called with the frames done and all.
 
     Everything is measured after the truth's root translation is taken off both. One window of
     frames is in memory at a time. Raises `ValueError` for files that do not belong together, for
@@ -51,7 +52,7 @@ def evaluate_files(
     with open_sequence(pred) as p, open_sequence(truth) as q:
         check_pair(p, q)
         tables = make_tables(q, arms=arms)
-        columns = _measure(p, q, tables, every, sted_window_frames)
+        columns = _measure(p, q, tables, every, sted_window_frames, progress or (lambda done, total: None))
         per_frame, sampled, positions = columns
         figures = clip_figures(per_frame, sampled, positions, sted_c, sted_window_frames)
         return {
@@ -75,7 +76,12 @@ def evaluate_files(
 
 
 def _measure(
-    p: Sequence, q: Sequence, tables: Tables, every: int, window_frames: int
+    p: Sequence,
+    q: Sequence,
+    tables: Tables,
+    every: int,
+    window_frames: int,
+    progress: Callable[[int, int], None],
 ) -> tuple[Columns, Columns, Columns]:
     """Return per-frame figures, those of sampled frames, and hem positions `[t, h, 3]`."""
     parts: list[tuple[Columns, Columns, Columns]] = []
@@ -99,6 +105,7 @@ def _measure(
             for name, x in (("pred", V), ("truth", V_star))
         }
         parts.append((frame, sampled, hem))
+        progress(stop, q.frames)
     frames, sampled, hems = zip(*parts, strict=True)
     return _join(frames), _join(sampled), _join(hems)
 

@@ -8,6 +8,9 @@ from garment_jax.body.kinematics import pose_body
 from garment_jax.data.sequence import Sequence
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # metres
+_FARTHEST = (
+    1_000_000  # number of a first frame; float32, in which some formats keep it, counts to 16 times it
+)
 WINDOW = 16  # frames in memory at a time
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
@@ -36,6 +39,8 @@ class ExportClip:
         stop = sequence.frames if stop is None else stop
         rate = sequence.fps if fps is None else fps
         _check(sequence, unit, up, rate, start, stop)
+        if abs(first_frame) > _FARTHEST:
+            raise ValueError(f"--frame-offset {first_frame} is out of range; give {_FARTHEST} at most.")
         sequence.read(start, start + 1)  # a motion without a garment is refused before anything is written
         self.sequence, self.garment, self.body = sequence, sequence.scene.garment, sequence.scene.body
         self.unit, self.up, self.fps = UNITS[unit], up, float(rate)

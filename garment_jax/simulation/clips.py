@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import platform
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -192,7 +193,8 @@ def _run(tasks: dict[int, tuple], workers: int) -> Iterator[tuple[int, Outcome]]
             yield i, _simulate_one(*task, show=True)
         return
     # spawned, not forked: JAX and Warp hold threads
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
         running: dict[Future, int] = {pool.submit(_simulate_one, *task): i for i, task in tasks.items()}
         try:
             while running:
@@ -202,6 +204,19 @@ def _run(tasks: dict[int, tuple], workers: int) -> Iterator[tuple[int, Outcome]]
             for future in running:
                 future.cancel()
             raise
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent ends, however it does: killed, it would leave workers that go on."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _simulate_one(

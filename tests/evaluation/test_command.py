@@ -166,3 +166,10 @@ def test_table_has_a_row_a_clip_and_the_mean(result):
         mean_metrics([])
     with pytest.raises(ValueError, match="every=0"):
         evaluate_files(result["prediction"], result["truth"], every=0)
+
+
+def test_progress_counts_frames_to_the_end(pair):
+    seen = []
+    evaluate_files(*pair, every=50, progress=lambda done, total: seen.append((done, total)))
+    frames = seen[-1][1]
+    assert [done for done, _ in seen] == [*range(command.WINDOW, frames, command.WINDOW), frames]

@@ -195,6 +195,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, clip: Path, format: str, monkeypa
         (["--out", "frames", "--format", "obj", "--frame-offset", "-1"], "files are numbered from 0"),
         (["--out", "a.abc", "--frame-offset", "-1"], "Blender begins at frame 0"),
         (["--out", "a.abc", "--blender", "nowhere"], "nowhere is no program; install Blender"),
+        (["--out", "a.pc2", "--frame-offset", "99999999999"], "--frame-offset 99999999999 is out of range"),
         (["--out", "a.glb", "--frame-offset", "3"], "a GLB's time begins at 0"),
         (["--out", "a.glb", "--unit", "cm"], "glTF fixes metres"),
         (["--out", "a.onnx"], "--format onnx needs --clip"),

@@ -1,5 +1,10 @@
 """Many clips: written whole, gone on with, screened, the same with one process as with two."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +19,7 @@ from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Scene
 from tests.reference.scene import make_motion, make_scene, write_clip
 
+ROOT = Path(__file__).parents[2]
 SETTINGS = ClothSettings(substeps=4, iterations=3, linear_iterations=10, settle=2, blend=2, hold=1)
 LOOSE = ScreenLimits(deepest_mm=1e4, inside_percent=100.0, strain_p99_percent=1e4, hem_rise_cm=1e3)
 
@@ -223,3 +229,31 @@ def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):
         content_key(scene._replace(collider=None), motion, SETTINGS, None),
     ]
     assert len({base, *others}) == 8
+
+
+WORKER = """
+import multiprocessing, os, time
+from concurrent.futures import ProcessPoolExecutor
+from garment_jax.simulation.clips import _end_with_parent
+if __name__ == "__main__":
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context, initializer=_end_with_parent) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600).result()
+"""
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path):
+    (tmp_path / "pool.py").write_text(WORKER)
+    with subprocess.Popen([sys.executable, tmp_path / "pool.py"], stdout=subprocess.PIPE, cwd=ROOT) as parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        parent.kill()
+    for _ in range(100):
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    os.kill(worker, signal.SIGKILL)
+    pytest.fail("the worker went on")
