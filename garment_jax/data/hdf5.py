@@ -10,6 +10,7 @@ import numpy as np
 
 # which of them a damaged file raises, and where, depends on the bytes that are gone
 _DAMAGE = (OSError, RuntimeError, KeyError)
+_SUFFIXES = (".h5", ".hdf5")
 _AGAIN = "copy, import or predict it again"
 
 
@@ -22,6 +23,10 @@ def open_hdf5(path: Path) -> h5py.File:
     except PermissionError as error:
         raise OSError(f"{path} may not be read ({error.strerror}); change its permissions.") from error
     except _DAMAGE as error:
+        if path.suffix.lower() not in _SUFFIXES:
+            raise OSError(
+                f"{path} is no sequence file (.h5); make one of it with garment-jax import."
+            ) from error
         reason = "is truncated" if "truncated" in str(error) else "is damaged or no HDF5 file"
         raise OSError(f"{path} {reason}; {_AGAIN}.") from error
 
@@ -84,7 +89,10 @@ def read_all(data: h5py.Dataset, where: str, *, text: bool = False) -> np.ndarra
 
 
 def read_window(data: h5py.Dataset, start: int, stop: int, path: Path) -> np.ndarray:
-    """Return rows `start … stop - 1`; OSError where the file is damaged."""
+    """Return rows `start … stop - 1`; ValueError where there are fewer, OSError where the file is damaged."""
+    if not data.shape or len(data) < stop:
+        name = str(data.name).lstrip("/")
+        raise ValueError(f"{path}: `{name}` has shape {data.shape}, without frame {stop - 1}; write it anew.")
     try:
         return data[start:stop]
     except _DAMAGE as error:

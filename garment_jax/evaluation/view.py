@@ -9,6 +9,7 @@ from garment_jax.body.root_frame import heading
 from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.camera import Camera, look_at, view_direction
 from garment_jax.evaluation.colours import BODY
+from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.shading import Solid, draw
 
 HEADROOM = 0.05  # metres of body shown above the garment
@@ -104,8 +105,8 @@ def picture(
 
 
 def read_frames(clip: Sequence, frames: np.ndarray) -> np.ndarray:
-    """Return the garment at `frames` `[k]`, `[k, n, 3]` world metres, one frame read at a time."""
-    return np.concatenate([clip.read(int(f), int(f) + 1) for f in frames])
+    """Return the garment at `frames` `[k]`, `[k, n, 3]` world metres, finite; one frame read at a time."""
+    return np.concatenate([read_finite(clip, int(f), int(f) + 1) for f in frames])
 
 
 def body_at(clip: Sequence, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

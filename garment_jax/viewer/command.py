@@ -1,5 +1,6 @@
 """`garment-jax view`: sequence files become one HTML page that plays them."""
 
+import math
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Many
 from contextlib import ExitStack
@@ -56,8 +57,8 @@ def view_files(
     """
     if not 1 <= len(paths) <= MOST_FILES:
         raise ValueError(f"{len(paths)} files to view; give 1 to {MOST_FILES}.")
-    if scale_cm is not None and not scale_cm > 0:
-        raise ValueError(f"--scale-cm {scale_cm:g} must be above 0; leave it out for a round one.")
+    if scale_cm is not None and not 0 < scale_cm < math.inf:
+        raise ValueError(f"--scale-cm {scale_cm:g} must be above 0 and finite; leave it out for a round one.")
     if Path(out).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--out {out} is no page; name one that ends in .html.")
     check_own(Path(out), [b'content="garment-jax view"'], "view")

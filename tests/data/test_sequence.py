@@ -215,6 +215,25 @@ def test_packed_clip_is_sent_to_import(tmp_path: Path):
         open_sequence(tmp_path / "packed.h5")
 
 
+def test_per_frame_data_with_too_few_rows_are_refused(clip: Path):
+    with h5py.File(clip, "r+") as file:
+        file["extra/one"], file["extra/few"] = 3.0, np.zeros(7)
+    with open_sequence(clip) as sequence:
+        for name, shape in (("one", r"\(\)"), ("few", r"\(7,\)")):
+            with pytest.raises(
+                ValueError, match=rf"`extra/{name}` has shape {shape}, without frame 11; write"
+            ):
+                sequence.read_extra(name, 0, 12)
+
+
+def test_a_file_of_another_kind_is_sent_to_import(tmp_path: Path):
+    (tmp_path / "walk.bvh").write_text("HIERARCHY")
+    with pytest.raises(
+        OSError, match=r"walk\.bvh is no sequence file \(\.h5\); make one .* garment-jax import"
+    ):
+        open_sequence(tmp_path / "walk.bvh")
+
+
 def test_truncated_file_is_refused_in_a_sentence(clip: Path):
     clip.write_bytes(clip.read_bytes()[: clip.stat().st_size * 2 // 3])
     with pytest.raises(OSError, match=r"clip\.h5 is truncated; copy"):

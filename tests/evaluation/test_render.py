@@ -1,3 +1,4 @@
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -53,6 +54,14 @@ def test_pictures_of_others_are_not_replaced_and_its_own_are(pair, tmp_path, mon
             render_files(pair, tmp_path, **options)
         assert (tmp_path / name).read_bytes() == before
         (tmp_path / name).write_bytes(whole)
+
+
+def test_a_frame_that_is_not_finite_is_named(tmp_path):
+    path = write_clip(tmp_path / "clip.h5", 6, encoding="float32")
+    with h5py.File(path, "r+") as file:
+        file["vertices"][3, 5] = np.nan
+    with pytest.raises(ValueError, match=r"clip\.h5: vertex 5 of frame 3 is not finite"):
+        render_files([path], tmp_path / "out", frames=6, height=60)
 
 
 def test_one_clip_gives_one_row(pair, tmp_path):

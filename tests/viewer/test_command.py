@@ -85,6 +85,8 @@ def test_values_that_are_not_finite_leave_no_page(tmp_path, monkeypatch):
 def test_numbers_out_of_range_are_refused(pair, tmp_path):
     with pytest.raises(ValueError, match="9 files to view; give 1 to 8"):
         view_files(pair[:1] * 9, tmp_path / "p.html")
+    with pytest.raises(ValueError, match="--scale-cm inf must be above 0 and finite"):
+        view_files(pair, tmp_path / "a.html", scale_cm=float("inf"))
     with pytest.raises(ValueError, match="--scale-cm -1 must be above 0"):
         view_files(pair, tmp_path / "p.html", scale_cm=-1)
 
