@@ -206,7 +206,7 @@ _POSITIVE = frozenset(
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
     | {"rows", "columns", "width", "around", "log_every", "chunk", "gain", "components", "bones"}
 )
-_LARGEST = 2**31 - 1  # of whole numbers: steps and seeds are counted in 32 bits
+_LARGEST = 2**31 - 1  # of whole numbers but seeds: steps are counted in 32 bits
 _PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -416,6 +416,7 @@ def _in_range(name: str, value: float, source: str) -> float:
     if not math.isfinite(value) or value < 0 or (positive and value == 0):
         bound = "greater than 0" if positive else "0 or greater"
         raise ValueError(f"{source}: {name} = {value!r} must be a finite number, {bound}.")
-    if isinstance(value, int) and value > _LARGEST:
-        raise ValueError(f"{source}: {name} = {value} is out of range; give {_LARGEST} at most.")
+    largest = _LARGEST if key != "seed" else 2**62
+    if isinstance(value, int) and value > largest:
+        raise ValueError(f"{source}: {name} = {value} is out of range; give {largest} at most.")
     return value

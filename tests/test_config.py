@@ -143,8 +143,8 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
         (["--uvv.size", "3"], r"unknown section 'uvv'; known are data, .*\. Did you mean 'uv'\?"),
         (["--uv.size", "0"], r"uv\.size = 0 must be a finite number, greater than 0"),
         (
-            ["--training.seed", "99999999999"],
-            r"training\.seed = 99999999999 is out of range; give 2147483647",
+            ["--detail.steps", "99999999999"],
+            r"detail\.steps = 99999999999 is out of range; give 2147483647",
         ),
         (["--rollout.gain", "0"], r"rollout\.gain = 0\.0 must be a finite number, greater than 0"),
         (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),

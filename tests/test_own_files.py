@@ -38,6 +38,7 @@ from tests.rollout.tiny_model import SCENE
         (["--embedded", "skirt", "--turn", "9"], "leave out --turn"),
         (["--vary", "clips", "--pins", "none"], "--vary brings its own scene and motions; leave out --pins"),
         (["--vary", "clips", "--embedded", "skirt"], "--embedded and --vary are two ways to get motions"),
+        (["--motion", "moves", "--seed", "3"], "--seed is for simulate --embedded or --vary; leave it out"),
         (["--motion", "moves", "--kicks", "3"], "--kicks is for simulate --vary; leave it out"),
         (["--motion", "moves", "--vertices", "300"], "--vertices is for simulate --embedded; leave it out"),
     ],

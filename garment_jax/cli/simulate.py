@@ -146,14 +146,15 @@ def _check_way(options: argparse.Namespace) -> None:
     if len(both) == 2:
         raise ValueError("--embedded and --vary are two ways to get motions; leave one out.")
     way = both[0] if both else "garment"
-    for other, names in WAYS.items():
+    for names in WAYS.values():
         for name in names:
             if name in WAYS[way] or getattr(options, name) == options.defaults[name]:
                 continue
             option = name.replace("_", "-")
             if both:
                 raise ValueError(f"--{way} brings its own scene and motions; leave out --{option}.")
-            raise ValueError(f"--{option} is for simulate --{other}; leave it out.")
+            ways = " or ".join(f"--{one}" for one in WAYS if name in WAYS[one])
+            raise ValueError(f"--{option} is for simulate {ways}; leave it out.")
 
 
 def _own_files(options: argparse.Namespace, fps: float) -> tuple:

@@ -23,7 +23,7 @@ def add(commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run it; 1 if any file has an error."""
+    """Run it; 1 if any file has an error, or could not be repaired."""
     from garment_jax.validator.fixes import check_out, fix_file
     from garment_jax.validator.report import format_report, format_totals, to_json
     from garment_jax.validator.validate import Options, list_files, validate_files
@@ -47,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(to_json(reports, fixed), indent=2))
     else:
         print(format_totals(reports))
-    return int(any(finding.severity == "error" for report in reports for finding in report.findings))
+    errors = any(finding.severity == "error" for report in reports for finding in report.findings)
+    return int(errors or any(one.refused for one in fixed))
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -10,7 +10,10 @@ import numpy as np
 
 # which of them a damaged file raises, and where, depends on the bytes that are gone
 _DAMAGE = (OSError, RuntimeError, KeyError)
-_SUFFIXES = (".h5", ".hdf5")
+# endings of what `import` reads
+_FOREIGN = frozenset(
+    [".bvh", ".npz", ".pkl", ".glb", ".gltf", ".pc2", ".mdd", ".abc", ".usd", ".usda", ".usdc", ".usdz"]
+)
 _AGAIN = "copy, import or predict it again"
 
 
@@ -23,7 +26,7 @@ def open_hdf5(path: Path) -> h5py.File:
     except PermissionError as error:
         raise OSError(f"{path} may not be read ({error.strerror}); change its permissions.") from error
     except _DAMAGE as error:
-        if path.suffix.lower() not in _SUFFIXES:
+        if path.suffix.lower() in _FOREIGN and "truncated" not in str(error):
             raise OSError(
                 f"{path} is no sequence file (.h5); make one of it with garment-jax import."
             ) from error
@@ -38,6 +41,12 @@ def can_open(path: Path) -> bool:
     except OSError:
         return False
     return True
+
+
+def has(file: h5py.File, name: str, where: str) -> bool:
+    """Return whether a dataset or group of that name, or a link to one, is there; OSError for damage."""
+    with _reading(where):
+        return file.get(name) is not None
 
 
 def dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
@@ -77,6 +86,8 @@ def read_all(data: h5py.Dataset, where: str, *, text: bool = False) -> np.ndarra
     and for numbers where `text` is asked.
     """
     name = str(data.name).lstrip("/")
+    if data.shape is None:
+        raise ValueError(f"{where}: `{name}` is empty; export it again.")
     with _reading(where):
         try:
             return np.asarray(data.asstr()[()], dtype="U") if text else np.asarray(data[()])

@@ -23,7 +23,7 @@ def describe(path: str | Path) -> dict[str, Any]:
 def format_description(path: str, facts: dict[str, Any]) -> str:
     """Return the facts as lines of text under the path."""
     rows = _flatten(facts)
-    width = max(len(key) for key, _ in rows)
+    width = max((len(key) for key, _ in rows), default=0)
     return "\n".join([path, *(f"  {key:<{width}}  {value}" for key, value in rows)])
 
 

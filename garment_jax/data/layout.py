@@ -94,7 +94,8 @@ def cast(field: Field, array: np.ndarray, where: str) -> np.ndarray:
         raise ValueError(f"{where}: `{field.name}` has shape {array.shape}, expected {_spell(field.shape)}.")
     if field.dtype == "i4" and array.dtype != np.int32 and array.size:
         limits = np.iinfo(np.int32)
-        wrong = (array != np.rint(array)) | ~((array >= limits.min) & (array <= limits.max))
+        wide = array.astype(np.float64) if array.dtype.kind == "f" else array  # whose own digits may not do
+        wrong = (wide != np.rint(wide)) | ~((wide >= limits.min) & (wide <= limits.max))
         if wrong.any():
             value = array[wrong][0]
             raise ValueError(f"{where}: `{field.name}` holds {value}; store whole numbers of 32 bits.")

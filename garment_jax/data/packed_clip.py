@@ -13,7 +13,7 @@ import numpy as np
 
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.data.attributes import check_units
-from garment_jax.data.hdf5 import attributes_of, dataset, dataset_names, read_all, read_window
+from garment_jax.data.hdf5 import attributes_of, dataset, has, read_all, read_window
 from garment_jax.data.layout import GARMENT, MOTION, Field, bind_shape, cast
 from garment_jax.data.npz import load_body, load_collider, load_pin_file
 from garment_jax.structs import Garment, Motion, Scene
@@ -53,10 +53,9 @@ def decode_steps(delta: h5py.Dataset | np.ndarray, *, window: int = _WINDOW) -> 
 
 def check_packed(file: h5py.File, where: str) -> dict:
     """Return a packed clip's attributes, or raise ValueError if it is none or in an unread unit."""
-    names = dataset_names(file, where)
-    if "vertices" in names and "vertices_delta" not in names:
+    if has(file, "vertices", where) and not has(file, "vertices_delta", where):
         raise ValueError(f"{where} is a sequence file already; use it as it is.")
-    missing = [name for name in _NEEDED if name not in names]
+    missing = [name for name in _NEEDED if not has(file, name, where)]
     if missing:
         raise ValueError(
             f"{where}: dataset `{missing[0]}` is missing; a packed clip needs {', '.join(_NEEDED)}."
@@ -74,7 +73,7 @@ def _check_delta(file: h5py.File, where: str) -> None:
     for name, found in data.items():
         bind_shape(_FIELDS.get(name, _DELTA), found.shape, sizes, {"t": "root", "n": "template"}, where)
     delta = data[_DELTA.name]
-    if delta.dtype != np.int16:
+    if delta.dtype.kind not in "iu":
         raise ValueError(f"{where}: `{_DELTA.name}` has type {delta.dtype}; store int16.")
     scale = attributes_of(delta, where).get("scale")
     if not isinstance(scale, float) or not 0 < scale < 1:
@@ -101,8 +100,8 @@ def find_assets(file: h5py.File, source: Path, attributes: dict, body: str | Pat
     path = Path(body) if body is not None else source.parent.parent / named
     if not path.is_file():
         raise FileNotFoundError(f"{source}: its body {path} is not there; name it with --body FILE.npz.")
-    collider = _beside(path.parent / "collider.npz", "collider_body_vertices" in file, source)
-    pins = _beside(source.parent / "pins.npz", "pins" in file, source)
+    collider = _beside(path.parent / "collider.npz", has(file, "collider_body_vertices", str(source)), source)
+    pins = _beside(source.parent / "pins.npz", has(file, "pins", str(source)), source)
     return Assets(path, collider, pins)
 
 

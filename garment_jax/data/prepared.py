@@ -4,6 +4,7 @@ The large arrays (vertices and inverse-skinning targets) go into memory-mapped f
 named by the content that they were made from; batches read the frames that they need.
 """
 
+import errno
 import functools
 import hashlib
 import json
@@ -214,15 +215,25 @@ def _reserved(path: Path, shape: tuple[int, ...]) -> np.memmap:
     """Return a new array in a file that has its room on the disk: a full one ends the process at a write."""
     try:
         array = np.lib.format.open_memmap(path, "w+", np.float32, shape)
-        if hasattr(os, "posix_fallocate"):
-            with path.open("r+b") as file:
-                os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+        _reserve(path)
     except OSError as error:
         raise OSError(
-            f"{path.parent} has no room for the prepared clips ({error.strerror}); free some space or choose "
-            "another --run-dir."
+            f"the prepared clips could not be written to {path.parent} ({error.strerror}); free some space "
+            "or choose another --run-dir."
         ) from error
     return array
+
+
+def _reserve(path: Path) -> None:
+    """Ask for a file's room on the disk, where the system and the disk know how to."""
+    if not hasattr(os, "posix_fallocate"):
+        return
+    with path.open("r+b") as file:
+        try:
+            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                raise
 
 
 def _fill(

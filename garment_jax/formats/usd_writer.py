@@ -82,7 +82,8 @@ def is_our_usd(path: Path) -> bool:
     """Return whether `write_usd` wrote a file."""
     pxr = load_pxr()
     try:
-        layer = pxr.Sdf.Layer.OpenAsAnonymous(str(path))  # not from a cache of what was there before
+        # not from a cache of what was there before, and its head alone: a stage of text is parsed whole
+        layer = pxr.Sdf.Layer.OpenAsAnonymous(str(path), True)
     except pxr.Tf.ErrorException:
         return False
     return layer is not None and bool(layer.customLayerData.get(_WRITER))

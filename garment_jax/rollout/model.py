@@ -233,6 +233,7 @@ def _damaged(folder: str | Path) -> Iterator[None]:
     except (
         *(OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error),
         *(TypeError, AttributeError),  # JSON of other values
+        RuntimeError,  # archives that say that they are encrypted, or packed in another way
     ) as error:
         raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
 

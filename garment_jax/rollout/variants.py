@@ -35,6 +35,8 @@ VARIANTS: dict[str, Variant] = {
     "no detail": Variant(detail=False),
     "no detail, rank 32": Variant(detail=False, rank=32),
     "no swing": Variant(swing=False),
+    "no swing, no detail": Variant(swing=False, detail=False),
+    "no swing, no collision": Variant(swing=False, collision=False),
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
     "networks alone": Variant(detail=False, collision=False, lengths=False),
@@ -66,7 +68,8 @@ class Measured(NamedTuple):
 def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
     """Return the variants measured for the model in `folder`, and how far detail moves its cloth, mm.
 
-    Raises `FileNotFoundError` where none were measured, `ValueError` for a damaged or an older file.
+    Variants whose error or time is missing are left out. Raises `FileNotFoundError` where none were
+    measured, `ValueError` for a damaged or an older file, or one without the whole model.
     """
     path = Path(folder) / FILE
     if not path.is_file():
@@ -79,6 +82,7 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         rows = [
             Measured(row["name"], Variant(**row["settings"]), row["error_cm"], row["ms"])
             for row in (() if older else table["variants"])
+            if {"error_cm", "ms"} <= row.keys()
         ]
         detail_mm = float(table["detail_mm"])
     except (ValueError, KeyError, TypeError) as error:
@@ -89,6 +93,11 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         raise ValueError(
             f"{path} was measured before models had a swing ({older[0]!r}); "
             f"run benchmarks/variants.py {folder} again."
+        )
+    if not any(row.variant == VARIANTS["whole"]._replace(swing=row.variant.swing) for row in rows):
+        raise ValueError(
+            f"{path} has no error and time of the whole model yet; run benchmarks/variants.py {folder} with "
+            "--errors, then with --times."
         )
     return rows, detail_mm
 

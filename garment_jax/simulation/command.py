@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from garment_jax.data.hdf5 import dataset, dataset_names, open_hdf5, read_all
+from garment_jax.data.hdf5 import dataset, has, open_hdf5, read_all
 from garment_jax.data.layout import Field, check_fields
 from garment_jax.data.npz import read_arrays
 from garment_jax.data.sequence import Sequence
@@ -87,7 +87,7 @@ def read_pattern(path: Path) -> np.ndarray:
 
 def _read_hdf5(path: Path, name: str) -> np.ndarray | None:
     with open_hdf5(path) as file:
-        if name not in dataset_names(file, str(path)):
+        if not has(file, name, str(path)):
             return None
         return read_all(dataset(file, name, str(path)), str(path))
 

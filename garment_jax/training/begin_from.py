@@ -38,6 +38,8 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
     here, there = to_dict(config), to_dict(model.config)
     pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
+    if config.generative.skin_reach:  # the weights of the canonical pose are then those of both sides
+        pairs.append(("data.mirror", there["data"]["mirror"], here["data"]["mirror"]))
     for section in ("body", "uv", *stages):  # another swing begins afresh, see `other_ring`
         pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in SHAPING[section]]
     for name, theirs, ours in pairs:

@@ -2,6 +2,7 @@
 
 import os
 import zipfile
+import zlib
 from pathlib import Path
 
 import jax
@@ -50,7 +51,7 @@ def _stored(path: Path, run: Run) -> list[np.ndarray] | None:
     try:
         with open(path, "rb") as file, np.load(file) as stored:
             codes = [stored[str(i)] for i in range(len(run.data.train))]
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
         return None
     whole = all(len(Z) == len(clip.V) for Z, clip in zip(codes, run.data.train, strict=True))
     return codes if whole else None

@@ -87,9 +87,9 @@ def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None 
     fixer = fixers.get(path.suffix.lower())
     if fixer is None or path.is_dir():
         return Fixed(path, None, [])
+    if not path.exists():
+        return Fixed(path, None, [], "it is not there")
     to = target(path, files, out)
-    if to.exists():
-        return Fixed(path, None, [], f"{to} is there already; move it away, or name another --out")
     try:
         done = fixer(path, to, fps)
     except (ValueError, OSError) as error:
@@ -126,7 +126,13 @@ def _refuse_blocking(found: Sequence[Finding], clip: RawClip) -> None:
         )
 
 
+def _check_free(to: Path) -> None:
+    if to.exists():
+        raise ValueError(f"{to} is there already; move it away, or name another --out.")
+
+
 def _write_clip(clip: RawClip, to: Path) -> None:
+    _check_free(to)
     attributes = {key: value for key, value in clip.attributes.items() if key not in _OWN}
     encoding = "none" if not clip.moves_cloth else "float32" if clip.stored_scale is None else "int16"
     try:
@@ -217,6 +223,7 @@ def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:
     """Write under a temporary name and move into place."""
+    _check_free(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -178,6 +178,18 @@ def test_packed_clip_that_does_not_fit_is_refused(tmp_path: Path, change, senten
         import_clips([source], tmp_path / "out", progress=quiet)
 
 
+def test_links_and_other_whole_numbers_serve(tmp_path: Path):
+    source = write_packed(tmp_path, frames=5)
+    (first,) = import_clips([source], tmp_path / "first", progress=quiet)
+    with h5py.File(source, "r+") as file:
+        _put(file, "vertices_delta", lambda delta: delta.astype(">i4"))
+        file.move("uv", "elsewhere/uv")
+        file["uv"] = h5py.SoftLink("/elsewhere/uv")
+    (again,) = import_clips([source], tmp_path / "again", progress=quiet)
+    with open_sequence(first.path) as a, open_sequence(again.path) as b:
+        np.testing.assert_array_equal(a.read(0, 5), b.read(0, 5))
+
+
 def test_what_is_no_packed_clip_is_refused(tmp_path: Path):
     clip = write_clip(tmp_path / "clip.h5", 3)
     with pytest.raises(ValueError, match="is a sequence file already"):

@@ -11,6 +11,7 @@ from garment_jax.body.garment_skinning import garment_transforms, garment_weight
 from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
+from garment_jax.data import prepared
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import (
     DataSet,
@@ -231,15 +232,26 @@ def test_a_full_disk_leaves_a_sentence_and_nothing_half_written(folder, tmp_path
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(OSError, match=r"no room for the prepared clips \(No space left on device\); free"):
+    with pytest.raises(OSError, match=r"could not be written to .* \(No space left on device\); free"):
         prepare(folder, CONFIG, tmp_path)
     assert not [*tmp_path.glob("*.partial"), *tmp_path.glob("*.npy")]
 
 
-def test_prepared_arrays_have_their_room_on_the_disk(folder, tmp_path):
-    prepare(folder, CONFIG, tmp_path)
-    for path in tmp_path.glob("*.npy"):
-        assert path.stat().st_blocks * 512 >= path.stat().st_size
+def test_an_array_has_its_room_on_the_disk_before_it_is_filled(tmp_path):
+    if not hasattr(os, "posix_fallocate"):
+        pytest.skip("no way to ask for room here")
+    prepared._reserved(tmp_path / "array", (1000, 100, 3))
+    stat = (tmp_path / "array").stat()
+    assert stat.st_blocks * 512 >= stat.st_size > 1_200_000
+
+
+@pytest.mark.parametrize("number", [errno.EOPNOTSUPP, errno.EINVAL])
+def test_a_disk_that_cannot_reserve_will_do(tmp_path, monkeypatch, number: int):
+    def unknown(*_):
+        raise OSError(number, "not known here")
+
+    monkeypatch.setattr(os, "posix_fallocate", unknown, raising=False)
+    assert prepared._reserved(tmp_path / "array", (2, 3)).shape == (2, 3)
 
 
 def test_without_mirroring_there_are_no_images_and_a_lopsided_garment_will_do(folder, tmp_path):

@@ -149,6 +149,15 @@ REFUSALS = {
         _replace("faces", lambda f: f.astype(np.int64) + 2**32),
         r"`faces` holds 42949\d+; store whole numbers of 32 bits",
     ),
+    "index in half floats": (_replace("faces", lambda f: f.astype("f2") + 2**15), "`faces` holds index 3"),
+    "index of 32 bits and one": (
+        _replace("faces", lambda f: np.full(f.shape, 2.0**31, "f4")),
+        r"`faces` holds 2147483648.0; store whole numbers of 32 bits",
+    ),
+    "nothing at all": (
+        lambda file: [_delete("uv")(file), file.create_dataset("uv", data=h5py.Empty("f4"))],
+        "`uv` is empty; export it again",
+    ),
     "collider without faces": (_replace("collider/faces", lambda f: f[:0]), "0 collider faces"),
     "more than memory holds": (
         lambda file: [_delete("root")(file), file.create_dataset("root", (10**15, 3), "f8", chunks=(9, 3))],
@@ -232,6 +241,13 @@ def test_a_file_of_another_kind_is_sent_to_import(tmp_path: Path):
         OSError, match=r"walk\.bvh is no sequence file \(\.h5\); make one .* garment-jax import"
     ):
         open_sequence(tmp_path / "walk.bvh")
+
+
+def test_an_ending_does_not_hide_damage(clip: Path):
+    cut = clip.with_name("cut.hdf")
+    cut.write_bytes(clip.read_bytes()[:-900])
+    with pytest.raises(OSError, match=r"cut\.hdf is truncated; copy"):
+        open_sequence(cut)
 
 
 def test_truncated_file_is_refused_in_a_sentence(clip: Path):

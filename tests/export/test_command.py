@@ -160,6 +160,16 @@ def test_a_cache_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ".h5"] == [name]
 
 
+def test_a_cache_that_was_simulated_on_an_exported_mesh_is_not_replaced(tmp_path: Path, clip: Path):
+    export_file(clip, tmp_path / "a.pc2", stop=3)
+    (tmp_path / "a.mdd").write_bytes(b"somebody's simulation")
+    with pytest.raises(ValueError, match=r"a\.mdd is there and export did not write it"):
+        export_file(clip, tmp_path / "a.mdd", stop=2)
+    (tmp_path / "a.mdd").unlink()
+    for name in ("a.mdd", "a.pc2", "a.mdd"):  # each knows of both
+        export_file(clip, tmp_path / name, stop=2)
+
+
 def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):
     assert main(["export", str(clip), "--format", "pc2", "--out", str(tmp_path / "a.pc2"), "--no-body"]) == 0
     said = capsys.readouterr().out

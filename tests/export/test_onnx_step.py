@@ -138,6 +138,18 @@ def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
     assert (folder / "left.attach.onnx").exists()
 
 
+def test_graphs_of_others_are_neither_replaced_nor_removed(folder: Path):
+    for name in ("own.onnx", "own.swing.onnx"):
+        (folder / name).write_bytes(b"somebody's graph")
+        with pytest.raises(
+            ValueError, match=rf"{name} is there and export did not write it; name another --out"
+        ):
+            export_step(folder / "tiny", folder / "own.onnx", clip=folder / "clip.h5", check=False)
+        assert (folder / name).read_bytes() == b"somebody's graph"
+        (folder / name).unlink()
+    assert not list(folder.glob("own*"))
+
+
 def test_the_attached_garment_is_the_animations(folder: Path):
     assert SCENE.pins is not None
     pins, T = SCENE.pins.vertices, template().T

@@ -95,7 +95,17 @@ def lose_statistics(path: Path) -> None:
     np.savez(path, **kept)
 
 
-@pytest.mark.parametrize("damage", [shorten, blur, lose_statistics, lambda path: path.write_text("no zip")])
+def claim_another_packing(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    for mark, offset in ((b"PK\x01\x02", 10), (b"PK\x03\x04", 8)):
+        place = data.index(mark) + offset
+        data[place : place + 2] = b"\x63\0"
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "damage", [shorten, blur, claim_another_packing, lose_statistics, lambda path: path.write_text("no zip")]
+)
 def test_damaged_parameters_are_refused(tmp_path: Path, damage):
     save_model(tiny_model(), tmp_path)
     damage(tmp_path / "parameters.npz")
@@ -161,12 +171,11 @@ def test_files_of_two_models_are_damage(tmp_path: Path):
     with np.load(folder / "parameters.npz") as stored:
         arrays = {name: stored[name] for name in stored.files}
     lost = next(name for name in arrays if name.startswith("motion/"))
-    for name, others in (("fewer", {lost: None}), ("larger", {lost: np.zeros(3)})):
+    for others in ({lost: None}, {lost: np.zeros(3)}):
         kept = {k: v for k, v in (arrays | others).items() if v is not None}
         np.savez(folder / "parameters.npz", **kept)
         with pytest.raises(ValueError, match=r"\(parameters.npz has other arrays than it was saved with\)"):
             load_model(folder, leave_out=("detail",))
-        assert name
 
 
 def test_an_older_model_that_does_not_say_what_shapes_it_loads(tmp_path: Path):

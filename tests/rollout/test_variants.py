@@ -119,6 +119,12 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
     row = {"name": "whole", "settings": Variant()._asdict(), "error_cm": 1.0, "ms": 2.0}
     (tmp_path / FILE).write_text(json.dumps({"variants": [row], "detail_mm": 0.3}))
     assert stored_variants(tmp_path) == ([Measured("whole", Variant(), 1.0, 2.0)], 0.3)
+    begun = {"name": "no detail", "settings": Variant(detail=False)._asdict(), "error_cm": 1.0}
+    (tmp_path / FILE).write_text(json.dumps({"variants": [row, begun], "detail_mm": 0.3}))
+    assert [found.name for found in stored_variants(tmp_path)[0]] == ["whole"]
+    (tmp_path / FILE).write_text(json.dumps({"variants": [begun], "detail_mm": 0.3}))
+    with pytest.raises(ValueError, match="has no error and time of the whole model yet; run benchmarks"):
+        stored_variants(tmp_path)
     old = {**row, "settings": {"detail": True, "dynamics": True}}
     (tmp_path / FILE).write_text(json.dumps({"variants": [old], "detail_mm": 0.3}))
     with pytest.raises(ValueError, match=r"before models had a swing \('whole'\); run benchmarks"):

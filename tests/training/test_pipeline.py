@@ -209,6 +209,14 @@ def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uni
     lean = whole._replace(params={k: v for k, v in whole.params.items() if k != "detail"})
     refused = {
         "motion.gru = 16, not 12": (folder, replace(config, motion=replace(config.motion, gru=12))),
+        "data.mirror = True, not False": (
+            folder,
+            replace(
+                config,
+                data=replace(config.data, mirror=False),
+                generative=replace(config.generative, skin_reach=0.1),
+            ),
+        ),
         "garment = '0123'": (save_model(whole._replace(garment_hash="0123"), tmp_path / "other"), config),
         "fps = 60.0, not 30.0": (save_model(whole._replace(fps=60.0), tmp_path / "fast"), config),
         "has no detail stage; begin afresh, or set": (save_model(lean, tmp_path / "lean"), config),

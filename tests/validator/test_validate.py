@@ -311,6 +311,21 @@ def test_fix_takes_the_frame_rate_from_the_user(tmp_path: Path, capsys):
         assert clip.fps == 30.0
 
 
+def test_fix_replaces_nothing_that_is_there(tmp_path: Path, capsys):
+    path, out = good_clip(tmp_path / "x.h5", frames=40), tmp_path / "out"
+    words = ["validate", str(path), "nowhere.h5", "--fix", "--out", str(out)]
+    assert main([*words[:2], *words[3:], "--fps", "25"]) == 0
+    before = (out / "x.h5").read_bytes()
+    capsys.readouterr()
+    assert main([*words[:2], *words[3:], "--fps", "60"]) == 1
+    assert f"not fixed: {path}: {out / 'x.h5'} is there already; move it away" in capsys.readouterr().out
+    assert (out / "x.h5").read_bytes() == before
+    assert main(words) == 1
+    told = capsys.readouterr().out
+    assert f"nothing to fix: {path}" in told
+    assert "not fixed: nowhere.h5: it is not there" in told
+
+
 def test_what_no_repair_helps_is_not_copied(tmp_path: Path, capsys):
     def both(file: h5py.File) -> None:
         scaled(*LENGTHS, factor=100)(file)
