@@ -4,7 +4,6 @@ A bone turns about its centre, the weighted mean of its vertices at rest: six nu
 the rotation vector and the centre's displacement.
 """
 
-import os
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
 from garment_jax.data.batches import spread_frames
+from garment_jax.data.cached_arrays import Arrays, cached_arrays
 from garment_jax.geometry.bone_errors import homogeneous
 from garment_jax.geometry.bone_sweep import bone_system, sweep
 from garment_jax.geometry.rigid_fit import rigid_transforms
@@ -38,15 +38,18 @@ def find_bones(run: Run) -> Bones:
     """Return the bones of the training frames, mirror images included; cached in the run's folder."""
     count = run.config.baselines.bones
     path = run.folder / "cache" / f"bones-{count}-{run.data.content}.npz"
-    if not path.exists():
+
+    def weights() -> dict[str, np.ndarray]:
         V, rest = spread_frames(run.data, FRAMES)[0].astype(np.float64), run.template.T.astype(np.float64)
         say(f"bones: decomposing {len(V)} frames into {count} bones")
-        weights = decompose(rest, V, count, INFLUENCES, ITERATIONS, TOLERANCE)[0]
-        partial = path.with_suffix(".partial.npz")
-        np.savez(partial, weights=weights.astype(np.float32))
-        os.replace(partial, path)
-    with np.load(path) as stored:
-        return bones_of(run.template.T, stored["weights"])
+        found = decompose(rest, V, count, INFLUENCES, ITERATIONS, TOLERANCE)[0]
+        return {"weights": found.astype(np.float32)}
+
+    def fits(arrays: Arrays) -> bool:
+        return "weights" in arrays and len(arrays["weights"]) == len(run.template.T)
+
+    stored = cached_arrays(path, weights, fits=fits)
+    return bones_of(run.template.T, stored["weights"])
 
 
 def bones_of(T: np.ndarray, weights: np.ndarray) -> Bones:

@@ -7,7 +7,6 @@ displacements: so the squared error is that of the coefficients, and training ne
 Their last step, pushing collided vertices out along the nearest body vertex' normal, is left to our solver.
 """
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +25,7 @@ from garment_jax.baselines.recurrent import first_hidden, init_recurrent, recur,
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.body.garment_skinning import closest_weights, joint_transforms
 from garment_jax.config import CollisionConfig, Config
+from garment_jax.data.cached_arrays import cached_arrays
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import frames_of
 from garment_jax.geometry.skinning import skin, unskin_frames
@@ -117,27 +117,27 @@ def coefficient_error(deviation: np.ndarray, n: int) -> Any:
 def _targets(run: Run, W: np.ndarray) -> tuple[Components, list[np.ndarray]]:
     """Return the components of canonical displacements and every clip's coefficients; cached."""
     path = run.folder / "cache" / f"canonical-{run.data.content}.npz"
-    if path.exists():
-        with np.load(path) as stored:
-            components = Components(stored["mean"], stored["basis"])
-            return components, [stored[str(i)] for i in range(len(run.data.train))]
+    lengths = [len(clip.V) for clip in run.data.train]
+    names = {"mean", "basis", *(str(i) for i in range(len(lengths)))}
+    stored = cached_arrays(
+        path, lambda: _made_targets(run, W, lengths), fits=lambda arrays: names <= arrays.keys()
+    )
+    return Components(stored["mean"], stored["basis"]), [stored[str(i)] for i in range(len(lengths))]
+
+
+def _made_targets(run: Run, W: np.ndarray, lengths: list[int]) -> dict[str, np.ndarray]:
     say("santesteban: displacements of the template in canonical pose")
     motions = [joint_transforms(clip.motion, run.data.scene) for clip in run.data.train]
 
     def of_clip(i: int):
         return partial(_displacements, run, i, motions[i], W)
 
-    lengths = [len(clip.V) for clip in run.data.train]
     stride = max(sum(lengths) // BASIS_FRAMES, 1)
     spread = [of_clip(i)(np.arange(i % stride, length, stride)) for i, length in enumerate(lengths)]
     X = np.concatenate(spread)
     components = principal_components(X, min(COMPONENTS, len(X) - 1))
     c = [coefficients(of_clip(i), length, components) for i, length in enumerate(lengths)]
-    arrays = {str(i): x for i, x in enumerate(c)} | {"mean": components.mean, "basis": components.basis}
-    partial_file = path.with_suffix(".partial.npz")
-    np.savez(partial_file, **arrays)  # type: ignore[arg-type]
-    os.replace(partial_file, path)
-    return components, c
+    return {str(i): x for i, x in enumerate(c)} | {"mean": components.mean, "basis": components.basis}
 
 
 def _displacements(

@@ -1,5 +1,6 @@
 """Archives of plain arrays (.npz): names, shapes and arrays, nothing believed that the bytes do not hold."""
 
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -47,6 +48,16 @@ def npz_names(path: str | Path) -> tuple[str, ...]:
     """Return the names of an archive's arrays; raises as `read_npz`."""
     with _opened(Path(path)) as archive:
         return tuple(_arrays(archive))
+
+
+def npz_shapes(path: str | Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of an archive's arrays by name, their values unread; raises as `read_npz`."""
+    shapes = {}
+    with _opened(Path(path)) as archive:
+        for name, member in _arrays(archive).items():
+            with cast(zipfile.ZipExtFile, archive.open(member)) as file:
+                shapes[name] = _header(file).shape
+    return shapes
 
 
 def read_npz(
@@ -116,7 +127,7 @@ def _header(file: zipfile.ZipExtFile) -> _Header:
     try:
         reader = _READERS[np.lib.format.read_magic(file)]
         return _Header(*reader(file))
-    except (ValueError, MemoryError, RecursionError) as error:
+    except (ValueError, MemoryError, RecursionError, tokenize.TokenError) as error:
         raise Damaged from error
 
 

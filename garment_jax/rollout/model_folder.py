@@ -4,13 +4,12 @@ import hashlib
 import json
 import os
 import shutil
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from garment_jax.formats.npz import npz_shapes
 
 FACTS = "model.json"  # goes first and comes last: without it a folder holds no model
 MEASURED = ("figures.json", "variants.json")  # of the parameters that lie beside them
@@ -78,21 +77,8 @@ def check_together(facts: Mapping[str, Any], config: Mapping[str, Any], paramete
             found = config.get(name, {}).get(key, value)  # keys that are gone shape nothing
             if found != value:
                 raise ValueError(f"config.toml has {name}.{key} = {found!r}, its parameters {value!r}")
-    if facts.get("arrays") not in (None, arrays_hash(_stored_shapes(parameters))):
+    if facts.get("arrays") not in (None, arrays_hash(npz_shapes(parameters))):
         raise ValueError(f"{parameters.name} has other arrays than it was saved with")
-
-
-def _stored_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of an `.npz` file's arrays, their values unread."""
-    shapes: dict[str, tuple[int, ...]] = {}
-    with zipfile.ZipFile(path) as stored:
-        for name in stored.namelist():
-            with stored.open(name) as array:
-                version = np.lib.format.read_magic(array)
-                if version != (1, 0):  # none of numpy's own needs another for numbers
-                    raise ValueError(f"{name} is of version {version}")
-                shapes[name.removesuffix(".npy")] = np.lib.format.read_array_header_1_0(array)[0]
-    return shapes
 
 
 def _garment_of(facts: Path) -> str:

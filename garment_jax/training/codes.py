@@ -1,13 +1,9 @@
 """The latent codes of all training frames, once per trained generative model (paper 3.3, Z*)."""
 
-import os
-import zipfile
-import zlib
-from pathlib import Path
-
 import jax
 import numpy as np
 
+from garment_jax.data.cached_arrays import cached_list
 from garment_jax.data.prepared import targets_of
 from garment_jax.generative.network import encode
 from garment_jax.progress import FrameProgress
@@ -18,11 +14,11 @@ CHUNK = 64  # frames
 
 def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
     """Return Z* `[t, latent]` of every training clip, mirror images included; cached in the run's folder."""
-    path = run.folder / "cache" / "true_codes.npz"
-    stored = _stored(path, run)
-    if stored is not None:
-        return stored
+    lengths = [len(clip.V) for clip in run.data.train]
+    return cached_list(run.folder / "cache" / "true_codes.npz", lambda: _encoded(run, generative), lengths)
 
+
+def _encoded(run: Run, generative: dict) -> list[np.ndarray]:
     @jax.jit
     def mean(params: dict, V: jax.Array) -> jax.Array:
         return encode(params, V, template=run.template, config=run.config.generative).mean
@@ -40,18 +36,4 @@ def true_codes(run: Run, generative: dict) -> list[np.ndarray]:
             codes.append(Z)
             done += len(Z)
             progress(done, frames)
-    partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **{str(i): Z for i, Z in enumerate(codes)})  # type: ignore[arg-type]
-    os.replace(partial, path)
     return codes
-
-
-def _stored(path: Path, run: Run) -> list[np.ndarray] | None:
-    """Return the codes in a file; None where there is none, or one that is damaged."""
-    try:
-        with open(path, "rb") as file, np.load(file) as stored:
-            codes = [stored[str(i)] for i in range(len(run.data.train))]
-    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
-        return None
-    whole = all(len(Z) == len(clip.V) for Z, clip in zip(codes, run.data.train, strict=True))
-    return codes if whole else None

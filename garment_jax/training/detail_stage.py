@@ -1,12 +1,12 @@
 """Stage 3: the detail enhancement module against its discriminator (paper 3.4)."""
 
-import os
 from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.data.cached_arrays import cached_list
 from garment_jax.data.prepared import targets_of
 from garment_jax.detail.train_step import DetailBatch, init_players, make_detail_train_step, side_by_side
 from garment_jax.generative.network import decode
@@ -74,18 +74,15 @@ def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
     """Return the codes `[t, latent]` of the frames to enhance, by clip: of the truth, or of free rollouts."""
     if run.config.detail.source == "reconstruction":
         return true_codes(run, generative)
-    path = run.folder / "cache" / "rollout_codes.npz"
-    if path.exists():
-        with np.load(path) as stored:
-            return [stored[str(i)] for i in range(len(run.data.train))]
-    say("detail: rolling out the training clips")
-    with FrameProgress("detail") as progress:
-        progress.say("compiling")
-        codes = _rollout_codes(run, {"generative": generative, "motion": motion}, progress)
-    partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **{str(i): z for i, z in enumerate(codes)})  # type: ignore[arg-type]
-    os.replace(partial, path)
-    return codes
+
+    def rolled_out() -> list[np.ndarray]:
+        say("detail: rolling out the training clips")
+        with FrameProgress("detail") as progress:
+            progress.say("compiling")
+            return _rollout_codes(run, {"generative": generative, "motion": motion}, progress)
+
+    lengths = [len(clip.V) for clip in run.data.train]
+    return cached_list(run.folder / "cache" / "rollout_codes.npz", rolled_out, lengths)
 
 
 def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.ndarray]:

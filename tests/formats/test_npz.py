@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.formats.npz import npz_names, read_npz
+from garment_jax.formats.npz import npz_names, npz_shapes, read_npz
 
 MARKER = "garment-jax-was-here"
 
@@ -202,3 +202,16 @@ def test_a_zip64_directory_is_measured_too(tmp_path: Path):
     path.write_bytes(content[:at] + record + locator + bytes(end))
     with pytest.raises(ValueError, match="lists its members in"):
         npz_names(path)
+
+
+def test_shapes_are_read_without_values_and_broken_headers_are_damage(tmp_path: Path):
+    path = tmp_path / "a.npz"
+    np.savez(path, one=np.zeros((3, 4), np.float16), two=np.array(5), none=np.zeros((0, 7)))
+    assert npz_shapes(path) == {"one": (3, 4), "two": (), "none": (0, 7)}
+    with zipfile.ZipFile(path, "w") as archive:  # brackets that never close
+        text = b"{'descr': '<f4', 'fortran_order': False, 'shape': ((((3,  "
+        header = text.ljust(117) + b"\n"
+        archive.writestr("one.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+    for read in (npz_shapes, read_npz):
+        with pytest.raises(OSError, match=r"a\.npz is damaged or no \.npz file of plain arrays"):
+            read(path)
