@@ -50,7 +50,7 @@ def check_out(out: Path, read: Sequence[Path]) -> None:
     Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in .json or
     is too long, and a file that `evaluate` did not write.
     """
-    from garment_jax.data.replaceable import check_name
+    from garment_jax.data.replaceable import check_name, not_own
 
     if os.path.isdir(out):
         raise ValueError(f"--out {out} is a folder; name a file.")
@@ -60,9 +60,7 @@ def check_out(out: Path, read: Sequence[Path]) -> None:
     if out.suffix != ".json":
         raise ValueError(f"--out {out} does not end in .json; name a JSON file, such as {out.name}.json.")
     if os.path.exists(out) and not _holds_figures(out):
-        raise ValueError(
-            f"--out {out} is there and evaluate did not write it; name another --out, or move it away."
-        )
+        raise not_own(out, "evaluate")
 
 
 def _holds_figures(path: Path) -> bool:

@@ -22,15 +22,13 @@ def run(options: argparse.Namespace) -> int:
     facts, refused = {}, False
     for path in options.paths:
         try:
-            facts[str(path)] = _describe(path)
+            found = facts[str(path)] = _describe(path)
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             refused = True
             continue
         if not options.json:
-            print(
-                ("\n" if len(facts) > 1 else "") + format_description(str(path), facts[str(path)]), flush=True
-            )
+            print(("\n" if len(facts) > 1 else "") + format_description(str(path), found), flush=True)
     if options.json and facts:
         print(json.dumps(facts, indent=2))
     return 2 if refused else 0

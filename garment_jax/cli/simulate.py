@@ -142,16 +142,16 @@ def run(options: argparse.Namespace) -> None:
 
 def _check_way(options: argparse.Namespace) -> None:
     """Refuse options that would not be looked at: those of another way than the one that is asked for."""
-    both = [way for way in ("embedded", "vary") if getattr(options, way) is not None]
-    if len(both) == 2:
+    given = [way for way in ("embedded", "vary") if getattr(options, way) is not None]
+    if len(given) == 2:
         raise ValueError("--embedded and --vary are two ways to get motions; leave one out.")
-    way = both[0] if both else "garment"
+    way = given[0] if given else "garment"
     for names in WAYS.values():
         for name in names:
             if name in WAYS[way] or getattr(options, name) == options.defaults[name]:
                 continue
             option = name.replace("_", "-")
-            if both:
+            if given:
                 raise ValueError(f"--{way} brings its own scene and motions; leave out --{option}.")
             ways = " or ".join(f"--{one}" for one in WAYS if name in WAYS[one])
             raise ValueError(f"--{option} is for simulate {ways}; leave it out.")

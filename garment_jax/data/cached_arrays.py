@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,10 @@ def cached_arrays(
     Where the file is not there, is damaged, or holds what does not fit, they are made and stored. Raises
     `OSError` where the disk does not take them.
     """
-    try:
+    with suppress(OSError, ValueError):  # none yet, or damaged: made anew
         stored = read_npz(path, largest=LARGEST_ARCHIVE)
         if fits(stored):
             return stored
-    except (OSError, ValueError):  # none yet, or damaged: made anew
-        pass
     arrays = make()
     partial = path.with_suffix(".partial.npz")
     try:

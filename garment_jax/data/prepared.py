@@ -159,12 +159,13 @@ def _prepare_clip(
     # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
     names = {part: cache.with_name(f"{cache.name}.{part}.npy") for part in parts}
     shape = (sequence.frames, *sequence.scene.garment.template.shape)
-    missing = {part: name for part, name in names.items() if _stored(name, shape) is None}
+    arrays = {part: _stored(name, shape) for part, name in names.items()}
+    missing = {part: names[part] for part, array in arrays.items() if array is None}
     if missing:
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
         _compute_arrays(sequence, inputs, seeds, W, config, missing)
-    arrays = {part: _stored(name, shape) for part, name in names.items()}
+        arrays |= {part: _stored(name, shape) for part, name in missing.items()}
     V, T_tilde, U = arrays["V"], arrays.get("T_tilde"), arrays.get("U", arrays["V"])
     assert V is not None
     assert U is not None

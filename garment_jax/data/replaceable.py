@@ -55,9 +55,7 @@ def check_floor_out(out: Path) -> None:
         return
     # collide keeps the attributes of what it reads
     if stored_attribute(out, RESTARTED) is None or stored_attribute(out, COLLIDED) is not None:
-        raise ValueError(
-            f"--out {out} is there and floor did not write it; name another --out, or move it away."
-        )
+        raise not_own(out, "floor")
 
 
 def check_own(out: Path, marks: Iterable[bytes], command: str) -> None:
@@ -70,9 +68,12 @@ def check_own(out: Path, marks: Iterable[bytes], command: str) -> None:
     with open(out, "rb") as file:
         beginning = file.read(65_536)
     if not any(mark in beginning for mark in marks):
-        raise ValueError(
-            f"{out} is there and {command} did not write it; name another --out, or move it away."
-        )
+        raise not_own(out, command)
+
+
+def not_own(out: Path, command: str) -> ValueError:
+    """Return the refusal to replace `out`, which `command` did not write."""
+    return ValueError(f"{out} is there and {command} did not write it; name another --out, or move it away.")
 
 
 def check_sequence_name(out: Path) -> None:

@@ -8,9 +8,7 @@ from garment_jax.body.kinematics import pose_body
 from garment_jax.data.sequence import Sequence
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # metres
-_FARTHEST = (
-    1_000_000  # number of a first frame; float32, in which some formats keep it, counts to 16 times it
-)
+_FARTHEST = 1_000_000  # number of a first frame: some formats keep it as float32
 WINDOW = 16  # frames in memory at a time
 Progress = Callable[[int, int], None]  # frames done, frames in all
 

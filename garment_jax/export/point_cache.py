@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.obj import is_our_obj, notes_of, obj_faces, write_obj
@@ -32,9 +33,7 @@ def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
     known = {cache: notes_of(cache.with_suffix(".obj")) for cache in caches}
     for cache, names in known.items():
         if cache.exists() and cache.name not in names:
-            raise ValueError(
-                f"{cache} is there and export did not write it; name another --out, or move it away."
-            )
+            raise not_own(cache, "export")
     ours = [sorted({*names, cache.name}) for cache, names in known.items()]
     garment = clip.garment
     with written_whole(*files) as temporary:

@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.usd import load_pxr
@@ -20,7 +21,7 @@ def export_usd(clip: ExportClip, out: Path) -> list[Path]:
     """
     load_pxr()
     if out.is_file() and not is_our_usd(out):
-        raise ValueError(f"{out} is there and export did not write it; name another --out, or move it away.")
+        raise not_own(out, "export")
     garment = clip.garment
     meshes = [UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv)]
     meshes += [UsdMesh("Body", clip.body.faces, None, None)] if clip.with_body else []

@@ -208,7 +208,7 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     with _damaged(folder):
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
         _check_facts(facts)
-        check_together(facts, json.loads(json.dumps(to_dict(config))), folder / "parameters.npz")
+        check_together(facts, to_dict(config), folder / "parameters.npz")
         return config, facts
 
 
