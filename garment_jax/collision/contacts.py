@@ -10,13 +10,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.result import CollisionState
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.closest_point import signed_on
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
-from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_search import (
     PosedSurface,
     branch_gap_squared,
@@ -42,16 +43,19 @@ class Contacts(NamedTuple):
     direction: jax.Array  # [3, m] unit gradient of ds; 0 where not known
 
 
+@apart
 def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 s g"]:
     """Return the vertices of the groups, the groups last."""
-    return materialised(coordinates_of(jnp.asarray(tables.groups).T, local.reshape(-1)))
+    return coordinates_of(jnp.asarray(tables.groups).T, local.reshape(-1))
 
 
+@apart
 def boxes_of(grouped: Float[Array, "3 s g"]) -> Boxes:
     """Return the least and the greatest coordinates of the groups."""
-    return materialised(group_boxes(grouped, jnp.ones(grouped.shape[1:], bool)))
+    return group_boxes(grouped, jnp.ones(grouped.shape[1:], bool))
 
 
+@apart
 def crossing_limit(
     boxes: Boxes,
     moved: Float[Array, "3 n"],
@@ -65,12 +69,23 @@ def crossing_limit(
     be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
     between its planes, both drawn along that movement. So what slides along the body is not searched.
     """
-    step, reach = _movement(moved, jnp.asarray(tables.groups))
     body = surface.flat.reshape(3, -1) + surface.origin[:, None] - state.collider
-    branch_step, branch_reach = _movement(body, jnp.asarray(tables.surface.branches))
-    low, high = boxes
-    middle, half = materialised(((low + high) / 2, (high - low) / 2))
-    centre, extent = (surface.low + surface.high) / 2, (surface.high - surface.low) / 2
+    ours, its = _movement(moved, tables.groups), _movement(body, tables.surface.branches)
+    limit = _group_limit(
+        _middle_and_half(*boxes), _middle_and_half(surface.low, surface.high), ours, its, surface
+    )
+    return of_group(limit, tables)
+
+
+@apart
+def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Boxes:
+    return (low + high) / 2, (high - low) / 2
+
+
+@apart
+def _group_limit(group: Boxes, branch, ours, its, surface: PosedSurface) -> Float[Array, " g"]:
+    """Return `crossing_limit` of every group: of `boxes` and of what moved how (`_movement`)."""
+    (middle, half), (centre, extent), (step, reach), (branch_step, branch_reach) = group, branch, ours, its
     way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
     spare = reach[None] + branch_reach[:, None]
 
@@ -83,8 +98,7 @@ def crossing_limit(
     for x in range(3):
         sizes = half[x][None] + extent[x][:, None]
         crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
-    limit = greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0))
-    return of_group(materialised(limit), tables)  # or it is looked for by every vertex
+    return greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0))
 
 
 def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
@@ -105,15 +119,25 @@ def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
     return jnp.asarray(tables.turn) == s * (frame % s) + (frame // s) % s
 
 
-def _movement(steps: Float[Array, "3 n"], points: Int[Array, "b k"]) -> tuple[Array, Array]:
+@apart
+def _movement(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]) -> tuple[Array, Array]:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
-    flat = materialised(steps).reshape(-1)
-    steps = materialised(coordinates_of(points.T, flat))  # gathered once, not for both reductions
-    mean = materialised(steps.mean(axis=1))
-    off = steps - mean[:, None]
-    return materialised((mean, jnp.sqrt(squared_length(off).max(axis=0))))  # once, not for every pair
+    steps = _steps_of(steps, points)
+    mean = _mean(steps)
+    return mean, jnp.sqrt(squared_length(steps - mean[:, None]).max(axis=0))
 
 
+@apart
+def _steps_of(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]) -> Float[Array, "3 k b"]:
+    return coordinates_of(jnp.asarray(points).T, steps.reshape(-1))
+
+
+@apart
+def _mean(steps: Float[Array, "3 k b"]) -> Float[Array, "3 b"]:
+    return steps.mean(axis=1)
+
+
+@apart
 def find_contacts(
     local: Float[Array, "3 n"],
     grouped: Float[Array, "3 s g"],
@@ -128,23 +152,49 @@ def find_contacts(
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
     and then is so by `limit`. `grouped` are the same vertices (`in_groups`), `boxes` theirs.
     """
-    asked, groups = limit >= 0, jnp.asarray(tables.groups).T
-    bound = distance_to(last, local, surface, tables.surface)
-    bound = materialised(jnp.where(asked, jnp.minimum(limit, bound), -1.0))
-    here = bound[groups]
-    words = branches_within(branch_gap_squared(*boxes, surface), materialised(here.max(axis=0)))
+    here = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
+    words = _words(*boxes, here, surface)
     found = search(grouped, here, surface, tables.surface, words).triangle
-    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
-    near, nowhere = found >= 0, jnp.zeros_like(local)
-    triangle = jnp.where(near, found, last)
-    contacts = Contacts(triangle, jnp.where(asked & ~near, limit, 0.0), near, nowhere, nowhere)
+    contacts = _without_answers(found, last, limit, tables)
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        return _answered(made, here, to, made.triangle[here], local[:, here], surface, tables)
+        answer = _answered(made, to, *_asked(here, local, made.triangle), surface, tables)
+        return made._replace(**answer)
 
-    return _in_chunks(near, chunk, contacts)
+    return _in_chunks(contacts.known, chunk, contacts)
 
 
+@apart
+def _grouped(limit: Float[Array, " n"], distance, tables: CollisionTables) -> Float[Array, "s g"]:
+    """Return how far each vertex of the groups searches, below 0 if it is not asked."""
+    bound = jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0)
+    return materialised(bound)[jnp.asarray(tables.groups).T]
+
+
+@apart
+def _words(low: Float[Array, "3 g"], high: Float[Array, "3 g"], limit: Float[Array, "s g"], surface) -> Array:
+    """Return the marks of the branches within the groups' widest limits, as `branches_within`."""
+    return branches_within(branch_gap_squared(low, high, surface), materialised(limit.max(axis=0)))
+
+
+@apart
+def _without_answers(found: Int[Array, "s g"], last, limit, tables: CollisionTables) -> Contacts:
+    """Return the contacts of the vertices whose triangles were `found`, but for points and directions."""
+    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
+    near, nowhere = found >= 0, jnp.zeros((3, len(found)), limit.dtype)
+    ds = jnp.where((limit >= 0) & ~near, limit, 0.0)
+    return Contacts(jnp.where(near, found, last), ds, near, nowhere, nowhere)
+
+
+@apart
+def _asked(
+    here: Int[Array, " k"], local: Float[Array, "3 n"], triangle: Int[Array, " n"]
+) -> tuple[Array, Array]:
+    """Return triangles and places of the vertices `here`."""
+    return triangle[here], local[:, here]
+
+
+@apart
 def find_again(
     local: Float[Array, "3 n"],
     at: Contacts,
@@ -158,21 +208,32 @@ def find_again(
     """
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        points, last = materialised((local[:, here], made.triangle[here]))
-        bound = jnp.minimum(limit[here], distance_to(last, points, surface, tables.surface))
-        bound = materialised(jnp.where(to < len(limit), bound, -1.0))
+        last, points = _asked(here, local, made.triangle)
+        bound = _bound(here, to, limit, distance_to(last, points, surface, tables.surface))
         found = search(points[:, None], bound[None], surface, tables.surface).triangle[0]
-        near = found >= 0
-        triangle = jnp.where(near, found, last)
-        new = _answered(made, here, to, triangle, points, surface, tables)
-        far = jnp.where(near, len(limit), to)
-        return new._replace(
-            triangle=made.triangle.at[to].set(triangle, mode="drop"),
-            ds=new.ds.at[far].set(limit[here], mode="drop"),
-            known=made.known.at[to].set(near, mode="drop"),
-        )
+        triangle = jnp.where(found >= 0, found, last)
+        made = made._replace(**_answered(made, to, triangle, points, surface, tables))
+        return made._replace(**_with_the_far(made, here, to, triangle, found, limit))
 
     return _in_chunks(limit >= 0, chunk, at)
+
+
+@apart
+def _bound(here, to, limit: Float[Array, " n"], distance: Float[Array, " k"]) -> Float[Array, " k"]:
+    """Return how far the vertices `here` search; those that fill up a chunk do not."""
+    return jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
+
+
+@apart
+def _with_the_far(made: Contacts, here, to, triangle, found, limit: Float[Array, " n"]) -> dict[str, Array]:
+    """Return the triangles of the vertices `here`, and of those that `found` none that they are far."""
+    near = found >= 0
+    far = jnp.where(near, len(limit), to)
+    return {
+        "triangle": made.triangle.at[to].set(triangle, mode="drop"),
+        "ds": made.ds.at[far].set(limit[here], mode="drop"),
+        "known": made.known.at[to].set(near, mode="drop"),
+    }
 
 
 def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts:
@@ -180,25 +241,35 @@ def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts
 
     `ANSWERS` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
     """
-    n = len(wanted)
-    words = pack_words(jnp.pad(wanted, (0, -n % WORD)).reshape(-1, 1, WORD))
-    up_to = marked_up_to(words)
+    words, up_to = _marked(wanted)
 
     def one(state):
         at, made = state
-        word, bit, valid = select(at, ANSWERS, words, up_to)
-        to = materialised(jnp.where(valid, word * WORD + bit, n))
-        return at + ANSWERS, chunk(materialised(jnp.minimum(to, n - 1)), to, made)
+        return at + ANSWERS, chunk(*_some(at, words, up_to, len(wanted)), made)
 
     return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), contacts))[1]
 
 
-def _answered(made: Contacts, here, to, triangle, points, surface, tables: CollisionTables) -> Contacts:
-    """Return the contacts with the vertices `here` answered on their triangles, written `to` their places."""
-    answer = signed_on(triangle, tuple(points), surface, tables.surface)
-    ds = made.ds.at[to].set(answer.ds, mode="drop")
-    point, direction = (
-        old.at[:, to].set(jnp.stack(new), mode="drop")
-        for old, new in ((made.point, answer.point), (made.direction, answer.direction))
-    )
-    return made._replace(ds=ds, point=point, direction=direction)
+@apart
+def _marked(wanted: Bool[Array, " n"]) -> tuple[Array, Array]:
+    words = pack_words(jnp.pad(wanted, (0, -len(wanted) % WORD)).reshape(-1, 1, WORD))
+    return words, marked_up_to(words)
+
+
+@apart
+def _some(at, words, up_to, n: int) -> tuple[Array, Array]:
+    """Return the vertices marked from the number `at` on, and where to write them: nowhere, at n."""
+    word, bit, valid = select(at, ANSWERS, words, up_to)
+    to = jnp.where(valid, word * WORD + bit, n)
+    return jnp.minimum(to, n - 1), to
+
+
+@apart
+def _answered(made: Contacts, to, triangle, points, surface, tables: CollisionTables) -> dict[str, Array]:
+    """Return the contacts' answers with those of `points` on their triangles, written `to` their places."""
+    answer = signed_on(triangle, points, surface, tables.surface)
+    return {
+        "ds": made.ds.at[to].set(answer.ds, mode="drop"),
+        "point": made.point.at[:, to].set(answer.point, mode="drop"),
+        "direction": made.direction.at[:, to].set(answer.direction, mode="drop"),
+    }

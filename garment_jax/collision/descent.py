@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from garment_jax.collision.contacts import Contacts
 from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.apart import apart
 from garment_jax.geometry.triangle import dot
 
 
@@ -54,31 +54,52 @@ def advance(
 def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) -> Iterate:
     """Take the steps on a region of `size` places, with the coordinates first: so they vectorise."""
     region = make_region(members, tables, size)
+    x, y, direction, height = _taken(now, local, at, region, options.eps)
+    step = partial(_gradient_step, direction, height, region, tables)
+    x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
+    return Iterate(*_put_back(now, x, y, region), theta)
+
+
+@apart
+def _taken(now: Iterate, local, at: Contacts, region: Region, eps) -> tuple[Array, Array, Array, Array]:
+    """Return the iterate of a region's vertices and their planes: direction . x >= height."""
     x, y, base, point, direction = (
         leaf[:, region.vertex] for leaf in (now.x, now.y, local, at.point, at.direction)
     )
     x, y = (jnp.where(region.moving[None], z, 0.0) for z in (x, y))
     # where there is no correspondence, there is no plane
     direction = jnp.where((region.moving & at.known[region.vertex])[None], direction, 0.0)
-    height = options.eps - dot(base - point, direction)
-    step = partial(_gradient_step, direction, height, region, tables)
-    x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
-    target = jnp.where(region.moving, region.vertex, local.shape[1])
+    return x, y, direction, eps - dot(base - point, direction)
+
+
+@apart
+def _put_back(now: Iterate, x, y, region: Region) -> tuple[Array, Array]:
+    target = jnp.where(region.moving, region.vertex, now.x.shape[1])
     x, y = (whole.at[:, target].set(z, mode="drop") for whole, z in ((now.x, x), (now.y, y)))
-    return Iterate(x, y, theta)
+    return x, y
 
 
 def _gradient_step(direction, height, region: Region, tables, _, carry):
-    """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project.
+    """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project."""
+    x, y, theta = carry
+    return _onto_planes(_ahead(y, region, tables), x, y, theta, direction, height, region.moving)
+
+
+@apart
+def _ahead(y: Float[Array, "3 m"], region: Region, tables) -> Float[Array, "3 m"]:
+    ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
+    return jnp.where(region.moving[None], ahead, 0.0)
+
+
+@apart
+def _onto_planes(ahead: Float[Array, "3 m"], x, y, theta, direction, height, moving):
+    """Return the next iterate `ahead` projected, the one extrapolated from it, and theta.
 
     The constraint of a displacement: direction . x >= height. Restart (O'Donoghue and Candes 2015):
     momentum that points uphill is thrown away.
     """
-    x, y, theta = carry
-    ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
-    ahead = materialised(jnp.where(region.moving[None], ahead, 0.0))  # all three coordinates meet below
     short = jnp.maximum(height - dot(ahead, direction), 0.0)
-    new = ahead + jnp.where(region.moving, short, 0.0)[None] * direction
+    new = ahead + jnp.where(moving, short, 0.0)[None] * direction
     uphill = jnp.vdot(y - new, new - x) > 0
     theta = jnp.where(uphill, 1.0, theta)
     following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
@@ -86,6 +107,7 @@ def _gradient_step(direction, height, region: Region, tables, _, carry):
     return new, new + beta * (new - x), following
 
 
+@apart
 def _pushed(local, x, at: Contacts, moving: Array, margin: Array):
     """Return the displacement after projection; where there is no correspondence, as it was."""
     height = jnp.maximum(margin - dot(local + x - at.point, at.direction), 0.0)

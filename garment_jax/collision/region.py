@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
-from garment_jax.geometry.stencil import materialised
 
 UNROLLED = 16  # neighbours up to which a sum over them is written out, at half the time of a reduction
 
@@ -39,6 +39,7 @@ class Region(NamedTuple):
     total: jax.Array  # [m] sum of a vertex' weights: 1, or 0 for a lone vertex or an unused slot
 
 
+@apart
 def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array) -> Bool[Array, " n"]:
     """Return the vertices within `rings` edges of the marked ones."""
     index = jnp.asarray(tables.index).T
@@ -78,18 +79,21 @@ def nobody(tables: CollisionTables) -> Members:
     return Members(jnp.zeros(n, bool), jnp.zeros(whole, jnp.int32), none, jnp.int32(0))
 
 
+@apart
 def find_members(moving: Bool[Array, " n"], tables: CollisionTables) -> Members:
     """Return the moving vertices and their one-rings: an energy on these has the whole mesh's gradient."""
     n, whole = len(tables.index), whole_size(tables)
     touched, order = dilate(moving, tables, 1), jnp.asarray(tables.order)
     words = pack_words(jnp.pad(touched[order], (0, -n % WORD)).reshape(-1, 1, WORD))
-    word, place, own = select(0, whole, words, marked_up_to(words))
+    up_to = marked_up_to(words)
+    word, place, own = select(0, whole, words, up_to)
     vertex = order[jnp.minimum(word * WORD + place, n - 1)]
     local = jnp.full(n, whole, jnp.int32)
     local = local.at[jnp.where(own, vertex, n)].set(jnp.arange(whole, dtype=jnp.int32), mode="drop")
-    return Members(moving, vertex, local, touched.sum().astype(jnp.int32))
+    return Members(moving, vertex, local, up_to[-1])
 
 
+@apart
 def make_region(members: Members, tables: CollisionTables, size: int) -> Region:
     """Return the region of the members, which must be fewer than `size`."""
     vertex, own = members.vertex[:size], jnp.arange(size) < members.count
@@ -106,6 +110,7 @@ def smoothness(x: Float[Array, "3 m"], region: Region) -> Float[Array, ""]:
     return 0.5 * (r * r).sum()
 
 
+@apart
 def displacement_norm(x: Float[Array, "3 n"], members: Members, tables: CollisionTables) -> Float[Array, ""]:
     """Return ||Lap x|| over the whole garment; it is zero outside the members."""
     index, weight = jnp.asarray(tables.index), jnp.asarray(tables.weight)

@@ -16,10 +16,11 @@ from jaxtyping import Array, Float, Int
 from garment_jax.collision.projection import initial_state
 from garment_jax.collision.result import CollisionState, Outcome
 from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
-from garment_jax.collision.solver import CollisionOptions, resolve_collisions
+from garment_jax.collision.solver import CollisionOptions, free_vertices, resolve_collisions
 from garment_jax.collision.standing import Standing, calmed, keeps, nobody_stands, standing_frames, stood
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.collision.tightening import resolve_unstretched
+from garment_jax.geometry.apart import apart
 from garment_jax.geometry.strain_limit import StrainTables
 
 _MM = 1e3  # per metre
@@ -93,10 +94,27 @@ def make_resolver(
                 return v, carry.sides, jnp.int32(0)
             assert carry.sides is not None
             assert ends is not None
-            free = jnp.ones(len(v), bool) if pins is None else jnp.ones(len(v), bool).at[pins].set(False)
-            return keep_sides(v, ends, free, carry.sides, sides)
+            return keep_sides(v, ends, jnp.asarray(free_vertices(len(v), pins)), carry.sides, sides)
 
         return jax.lax.cond(kept, stands, goes_on)
+
+    def resolved(held: jax.Array, v: jax.Array, pinned: jax.Array, c: jax.Array, state: CollisionState):
+        positions = None if pins is None else pinned
+        if strain is None:
+            return resolve_collisions(
+                held, c, state, tables=tables, pins=pins, pin_positions=positions, options=options
+            )
+        return resolve_unstretched(
+            held,
+            c,
+            state,
+            tables=tables,
+            strain=strain,
+            as_in=v,
+            pins=pins,
+            pin_positions=positions,
+            options=options,
+        )
 
     @partial(jax.jit, compiler_options=_ONE_THREAD if len(tables.index) < _FEW else None)
     def resolve(
@@ -108,45 +126,37 @@ def make_resolver(
     ):
         def frame(carry: Carry, inputs):
             v, pinned, c, ends = inputs
-            standing, frames = carry.standing, standing_frames(carry.standing, c)
-            kept = keeps(standing, v, frames)
+            frames, kept = _stands(carry.standing, v, c)
             held, sided, pierced = sides_kept(carry, v, ends, kept)
-            call = partial(
-                resolve_collisions
-                if strain is None
-                else partial(resolve_unstretched, strain=strain, as_in=v),
-                tables=tables,
-                pins=pins,
-                options=options,
-            )
             before = carry.state.correction
-            begun = carry.state._replace(correction=jnp.where(kept, 0.0, before))
-            result, state = call(held, c, begun, pin_positions=None if pins is None else pinned)
-            state = state._replace(correction=jnp.where(kept, before, state.correction))
+            result, state = resolved(
+                held, v, pinned, c, carry.state._replace(correction=_unless(kept, before))
+            )
+            state = state._replace(correction=_chosen(kept, before, state.correction))
             result, state = calmed(result, state, held, kept)
-            correction = result.V - v if pins is None else (result.V - v).at[pins].set(0.0)
-            correction = jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
+            correction = _correction(result.V, v, free_vertices(len(v), pins))
             if sided is not None:
                 sided = after_collisions(sided, result.V, correction, (pierced > 0) & ~kept)
-            change = jnp.sqrt(((correction - carry.correction) ** 2).sum(axis=-1).max())
-            deepest, penetrating, outcome = result.deepest_before, result.penetrating_before, result.outcome
-            # what is inside for ever is pushed anew in every frame, not ever farther
-            inside = kept & (result.outcome == Outcome.STILL_INSIDE)
-            lasting = jnp.where(inside, held - v, correction)
-            found = Standing(v, lasting, c, frames, deepest, penetrating, outcome, pierced)
-            standing = stood(standing, found, kept)
-            # a correction that is kept needs nothing more, and is what it was found as
-            nothing = kept & (outcome == Outcome.NOTHING_TO_DO)
-            outcome = jnp.where(nothing, jnp.minimum(standing.outcome, Outcome.STEPS_SPENT), outcome)
+            found = Standing(
+                v,
+                _lasting(result.outcome, kept, held, v, correction),
+                c,
+                frames,
+                result.deepest_before,
+                result.penetrating_before,
+                result.outcome,
+                pierced,
+            )
+            standing = stood(carry.standing, found, kept)
             figures = FrameFigures(
                 standing.deepest,
                 result.deepest_after,
                 standing.penetrating,
                 result.penetrating_after,
                 result.steps,
-                outcome,
+                _said(result.outcome, standing.outcome, kept),
                 pierced,
-                jnp.where(carry.begun, change, 0.0),
+                _pop(correction, carry.correction, carry.begun),
             )
             return Carry(state, correction, jnp.array(True), standing, sided), (result.V, figures)
 
@@ -154,6 +164,49 @@ def make_resolver(
         return carry, V, figures
 
     return resolve
+
+
+@apart
+def _stands(standing: Standing, v: Array, c: Array) -> tuple[Array, Array]:
+    """Return for how many frames the body stands, and whether the frame keeps the last one's correction."""
+    frames = standing_frames(standing, c)
+    return frames, keeps(standing, v, frames)
+
+
+@apart
+def _unless(kept: Array, x: Array) -> Array:
+    return jnp.where(kept, 0.0, x)
+
+
+@apart
+def _chosen(kept: Array, x: Array, y: Array) -> Array:
+    return jnp.where(kept, x, y)
+
+
+@apart
+def _correction(V: Float[Array, "n 3"], v: Float[Array, "n 3"], free) -> Float[Array, "n 3"]:
+    correction = jnp.where(jnp.asarray(free)[:, None], V - v, 0.0)
+    return jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
+
+
+@apart
+def _lasting(outcome: Array, kept: Array, held: Array, v: Array, correction: Array) -> Array:
+    """Return the correction that a standing body's next frames keep.
+
+    What is inside for ever is pushed anew in every frame, not ever farther.
+    """
+    return jnp.where(kept & (outcome == Outcome.STILL_INSIDE), held - v, correction)
+
+
+def _said(outcome: Array, standing: Array, kept: Array) -> Array:
+    """Return the outcome: a correction that is kept needs nothing more, and is what it was found as."""
+    nothing = kept & (outcome == Outcome.NOTHING_TO_DO)
+    return jnp.where(nothing, jnp.minimum(standing, Outcome.STEPS_SPENT), outcome)
+
+
+@apart
+def _pop(correction: Float[Array, "n 3"], last: Float[Array, "n 3"], begun: Array) -> Array:
+    return jnp.where(begun, jnp.sqrt(((correction - last) ** 2).sum(axis=-1).max()), 0.0)
 
 
 def join_figures(parts: list[FrameFigures]) -> FrameFigures:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.contacts import (
     Contacts,
@@ -27,7 +27,7 @@ from garment_jax.collision.descent import Iterate, advance
 from garment_jax.collision.region import Members, dilate, displacement_norm, find_members, nobody
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
-from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 from garment_jax.geometry.triangle import dot, squared_length
 
@@ -73,6 +73,7 @@ class _Frame(NamedTuple):
     surface: PosedSurface
 
 
+@apart
 def resolve_collisions(
     V_f: Float[Array, "n 3"],
     collider_vertices: Float[Array, "c 3"],
@@ -95,42 +96,47 @@ def resolve_collisions(
     Raises `ValueError` unless `pins` and `pin_positions` come together and are as many.
     """
     check_pins(pins, pin_positions)
-    V = V_f if pins is None else V_f.at[pins].set(pin_positions)
-    free = jnp.ones(len(V), bool) if pins is None else jnp.ones(len(V), bool).at[pins].set(False)
-    finite = jnp.isfinite(V).all() & jnp.isfinite(collider_vertices).all()
+    free = free_vertices(len(V_f), pins)
     surface = pose_surface(collider_vertices, tables.surface)
-    planes = materialised(V.T)
-    probe, local = probed(state.frame, tables), planes - surface.origin[:, None]
+    planes, local, finite = _placed(V_f, pins, pin_positions, surface)
     grouped = in_groups(local, tables)
     boxes = boxes_of(grouped)
-    limit = _first_limit(planes - state.V, boxes, probe, state, surface, tables, options)
-    limit = jnp.where(free & finite, limit, -1.0)
+    limit = _first_limit(planes, boxes, free, finite, state, surface, tables, options)
     first = find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
-    deepest_before, inside_before = _depth(first, free)
     members, x = _begun(first, free, state.correction, tables, options)
     end = _iterate(_Frame(local, members, surface), first, x, tables, options)
-
-    solved = members.count > 0
-    planes = jnp.where(members.moving[None], planes + end.now.x, planes)
-    V_out = planes.T
-    objective = displacement_norm(end.now.x, members, tables)
-    untouched = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE).astype(jnp.int32)
-    outcome = jnp.where(solved, _outcome(end.at, free, end.moved <= options.tolerance, options), untouched)
-    converged = (outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED)
-    deepest, inside = _depth(end.at, free)
-    before, after = (x.sum().astype(jnp.int32) for x in (inside_before, inside))
-    direction = jnp.where((free & end.at.known)[None], end.at.direction, 0.0)
-    height = dot(end.at.point + surface.origin[:, None], direction) + options.eps
-    walls = Planes(direction, height)
+    planes, V = _answer(planes, members.moving, end.now.x)
+    deepest_before, before = _depth(first, free)
+    deepest, after = _depth(end.at, free)
+    outcome = _outcome(end, members.count > 0, free, finite, options)
     result = CollisionResult(
-        V_out, deepest_before, deepest, before, after, end.steps, objective, converged, outcome, walls
+        V=V,
+        deepest_before=deepest_before,
+        deepest_after=deepest,
+        penetrating_before=before,
+        penetrating_after=after,
+        steps=end.steps,
+        objective=displacement_norm(end.now.x, members, tables),
+        converged=(outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED),
+        outcome=outcome,
+        planes=_walls(end.at, free, surface.origin, options),
     )
-    outside = ~end.at.known | (end.at.ds >= 0)
-    outside = outside & ~_betrayed(probe & state.outside & inside_before, tables)
-    correction = jnp.where(members.moving[None], end.now.x, 0.0)
-    collider = collider_vertices.T
-    following = CollisionState(end.at.triangle, planes, collider, outside, correction, state.frame + 1)
-    return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
+    following = CollisionState(
+        triangle=end.at.triangle,
+        V=planes,
+        collider=collider_vertices.T,
+        outside=_outside(state, first, end.at, free, tables),
+        correction=_moved_by(members.moving, end.now.x),
+        frame=state.frame + 1,
+    )
+    return result, _if_finite(finite, following, state)
+
+
+def free_vertices(n: int, pins: Int[Array | np.ndarray, " p"] | None) -> Bool[Array | np.ndarray, " n"]:
+    """Return which of `n` vertices are not pinned; on the host where the pins are."""
+    if pins is None or isinstance(pins, np.ndarray):
+        return ~np.isin(np.arange(n), [] if pins is None else pins)
+    return jnp.ones(n, bool).at[pins].set(False)
 
 
 def check_pins(pins, pin_positions) -> None:
@@ -145,31 +151,84 @@ def check_pins(pins, pin_positions) -> None:
         )
 
 
-def _first_limit(moved, boxes, probe, state, surface, tables, options) -> Array:
+@apart
+def _placed(V_f, pins, pin_positions, surface: PosedSurface) -> tuple[Array, Array, Array]:
+    """Return the garment with its pins `[3, n]`, the same from the surface's origin, and if all is finite."""
+    planes = _planes_of(V_f if pins is None else V_f.at[pins].set(pin_positions))
+    finite = jnp.isfinite(planes).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
+    return planes, planes - surface.origin[:, None], finite
+
+
+@apart
+def _planes_of(V: Float[Array, "n 3"]) -> Float[Array, "3 n"]:
+    return V.T
+
+
+@apart
+def _first_limit(planes, boxes, free, finite, state, surface, tables, options) -> Array:
     """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
-    limit = crossing_limit(boxes, moved, state, surface, tables)
-    limit = jnp.maximum(limit, jnp.where(probe, PROBE, options.eps + options.reach))
-    return jnp.where(state.outside, limit, jnp.inf)
+    limit = crossing_limit(boxes, planes - state.V, state, surface, tables)
+    limit = jnp.maximum(limit, jnp.where(probed(state.frame, tables), PROBE, options.eps + options.reach))
+    return jnp.where(free & finite, jnp.where(state.outside, limit, jnp.inf), -1.0)
 
 
-def _betrayed(wrong: Array, tables) -> Array:
-    """Return the vertices of every group with a probe inside that was thought outside."""
-    return of_group(wrong[jnp.asarray(tables.groups)].any(axis=1), tables)
+@apart
+def _depth(at: Contacts, counted) -> tuple[Array, Array]:
+    """Return the deepest penetration (metres) and how many vertices are inside."""
+    inside = _inside(at, counted)
+    return jnp.where(inside, -at.ds, 0.0).max(), inside.sum().astype(jnp.int32)
 
 
-def _depth(at: Contacts, counted: Array) -> tuple[Array, Array]:
-    """Return the deepest penetration (metres) and which vertices are inside `[n]`."""
-    inside = counted & at.known & (at.ds < 0)
-    return jnp.where(inside, -at.ds, 0.0).max(), inside
+def _inside(at: Contacts, counted) -> Array:
+    return counted & at.known & (at.ds < 0)
 
 
-def _outcome(at: Contacts, free, standing, options):
-    lowest = jnp.where(free & at.known, at.ds, jnp.inf).min()
-    outside = jnp.where(standing, Outcome.CONVERGED, Outcome.STEPS_SPENT)
+@apart
+def _outcome(end: _Progress, solved, free, finite, options) -> Array:
+    lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
+    outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
     missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
-    return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
+    found = jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed)
+    untouched = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE)
+    return jnp.where(solved, found, untouched).astype(jnp.int32)
 
 
+@apart
+def _answer(planes: Float[Array, "3 n"], moving, x) -> tuple[Array, Array]:
+    """Return the garment moved by `x`, `[3, n]` and `[n, 3]`; bitwise as it was where nothing moves."""
+    planes = jnp.where(moving[None], planes + x, planes)
+    return planes, planes.T
+
+
+@apart
+def _moved_by(moving, x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
+    return jnp.where(moving[None], x, 0.0)
+
+
+@apart
+def _walls(at: Contacts, free, origin: Float[Array, "3"], options) -> Planes:
+    direction = jnp.where((free & at.known)[None], at.direction, 0.0)
+    return Planes(direction, dot(at.point + origin[:, None], direction) + options.eps)
+
+
+@apart
+def _outside(state: CollisionState, first: Contacts, at: Contacts, free, tables) -> Bool[Array, " n"]:
+    """Return which vertices are outside: but for the groups with a probe inside that was thought outside."""
+    betrayed = _groups_with(probed(state.frame, tables) & state.outside & _inside(first, free), tables)
+    return (~at.known | (at.ds >= 0)) & ~of_group(betrayed, tables)
+
+
+@apart
+def _groups_with(marks: Bool[Array, " n"], tables) -> Bool[Array, " g"]:
+    return materialised(marks)[jnp.asarray(tables.groups).T].any(axis=0)
+
+
+@apart
+def _if_finite(finite, following: CollisionState, state: CollisionState) -> CollisionState:
+    return jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
+
+
+@apart
 def _begun(first: Contacts, free, correction, tables, options) -> tuple[Members, Array]:
     """Return what moves, if anything, and from where."""
     contact = free & first.known & (first.ds < options.eps * (1 - options.slack))
@@ -200,18 +259,13 @@ def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, 
     def body(s: _Progress) -> _Progress:
         on, margin = descending(s), _push_margin(s.pushes, options)
         now = advance(on, s.now, frame.local, s.at, frame.members, tables, options, margin=margin)
-        apart = jnp.sqrt(squared_length(now.x - s.now.x).max())
-        at, limit = _next_limit(now.x, s, frame, options)
-        at = find_again(frame.local + now.x, at, limit, frame.surface, tables)
-        descended, pushed = on.astype(jnp.int32), (~on).astype(jnp.int32)
-        return _Progress(
-            now=now,
-            at=at,
-            searched=now.x,
-            steps=s.steps + descended * options.refresh_every,
-            moved=jnp.where(on, apart, s.moved),
-            pushes=s.pushes + pushed,
-        )
+        local = _added(frame.local, now.x)
+        shift = _distances(now.x, s.searched)
+        limit = _next_limit(shift, local, s.at, frame.members.moving, options)
+        at = find_again(local, s.at._replace(ds=s.at.ds - shift), limit, frame.surface, tables)
+        moved = jnp.where(on, _distances(now.x, s.now.x).max(), s.moved)
+        steps = s.steps + jnp.where(on, options.refresh_every, 0)
+        return _Progress(now, at, now.x, steps, moved, s.pushes + jnp.where(on, 0, 1))
 
     none, one = jnp.int32(0), jnp.ones((), x.dtype)
     start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
@@ -227,18 +281,27 @@ def _push_margin(pushes: Array, options) -> Array:
     return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
 
 
-def _next_limit(x, s: _Progress, frame: _Frame, options) -> tuple[Contacts, Array]:
-    """Return the contacts, and how far to search around vertices that moved from `s.searched` to `x`.
+@apart
+def _added(local: Float[Array, "3 n"], x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
+    return local + x
+
+
+@apart
+def _distances(x: Float[Array, "3 n"], y: Float[Array, "3 n"]) -> Float[Array, " n"]:
+    return jnp.sqrt(squared_length(x - y))
+
+
+@apart
+def _next_limit(shift: Float[Array, " n"], local, at: Contacts, moving, options) -> Float[Array, " n"]:
+    """Return how far to search around vertices that moved by `shift` since they were searched, to `local`.
 
     Only those are asked that may have come within the margin; the others' distance shrinks by what
     they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
     may rest on the wrong sign: after a long way it is not trusted.
     """
-    shift = jnp.sqrt(squared_length(x - s.searched))
     far = shift > FAR
-    asked = frame.members.moving & (far | (s.at.ds - shift < options.eps))
-    away = frame.local + x - s.at.point  # the point is still on the surface: none is farther
+    asked = moving & (far | (at.ds - shift < options.eps))
+    away = local - at.point  # the point is still on the surface: none is farther
     bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
     limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
-    limit = jnp.where(asked, jnp.where(s.at.known, bound, limit), -1.0)
-    return s.at._replace(ds=s.at.ds - shift), limit
+    return jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
+from garment_jax.geometry.apart import apart
 
 STILL = 1e-4  # metres: a body whose vertices stay within this of where they were stands
 SETTLE = 15  # frames of a standing body that are resolved as any other: folds come to rest
@@ -53,6 +54,7 @@ def keeps(standing: Standing, V_f: Float[Array, "n 3"], frames: Int[Array, ""]) 
     return (frames > SETTLE) & (way < QUIET)
 
 
+@apart
 def stood(standing: Standing, found: Standing, kept: Bool[Array, ""]) -> Standing:
     """Return what follows a frame `found` so; one that `kept` the correction says of before what is known."""
     known = found._replace(
@@ -65,6 +67,7 @@ def stood(standing: Standing, found: Standing, kept: Bool[Array, ""]) -> Standin
     return new._replace(collider=jnp.where(found.frames > 0, standing.collider, found.collider))
 
 
+@apart
 def calmed(
     result: CollisionResult, state: CollisionState, held: Float[Array, "n 3"], kept: Bool[Array, ""]
 ) -> tuple[CollisionResult, CollisionState]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
-from garment_jax.collision.solver import CollisionOptions, resolve_collisions
+from garment_jax.collision.solver import CollisionOptions, free_vertices, resolve_collisions
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_limited
 from garment_jax.geometry.triangle import dot
@@ -61,7 +61,7 @@ def resolve_unstretched(
     round's, `steps` are all that led to it.
     """
     positions = None if pins is None else pin_positions
-    free = jnp.ones(len(V_f), bool) if pins is None else jnp.ones(len(V_f), bool).at[pins].set(False)
+    free = jnp.asarray(free_vertices(len(V_f), pins))
 
     def resolved(V: Array, state: CollisionState):
         return resolve_collisions(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.surface_search import (
     PosedSurface,
     coordinates_of,
@@ -21,7 +21,7 @@ from garment_jax.geometry.surface_search import (
     search,
 )
 from garment_jax.geometry.surface_tables import SurfaceTables
-from garment_jax.geometry.triangle import Coordinates, closest_on_triangle, cross, dot, minus, triangle_rows
+from garment_jax.geometry.triangle import closest_on_triangle, cross, dot, triangle_inverses, triangle_rows
 
 
 class ClosestPoint(NamedTuple):
@@ -76,91 +76,140 @@ def closest_point_on(
 
     `local` is relative to `surface.origin`; the answer's `point` is not.
     """
-    found = signed_on(triangle, tuple(local.T), surface, tables)
-    point, normal, direction = (
-        jnp.stack(list(x), axis=-1) for x in (found.point, found.normal, found.direction)
-    )
-    return ClosestPoint(point + surface.origin[None], normal, found.ds, direction, triangle)
+    found = signed_on(triangle, local.T, surface, tables)
+    point = found.point.T + surface.origin[None]
+    return ClosestPoint(point, found.normal.T, found.ds, found.direction.T, triangle)
 
 
 class Signed(NamedTuple):
-    """As `ClosestPoint`, coordinate by coordinate (three arrays `[n]` each) and relative to the origin."""
+    """As `ClosestPoint`, with the coordinates first and relative to the origin."""
 
-    point: Coordinates
-    normal: Coordinates
+    point: jax.Array  # [3, n]
+    normal: jax.Array  # [3, n]
     ds: jax.Array  # [n]
-    direction: Coordinates
+    direction: jax.Array  # [3, n]
 
 
+@apart
 def signed_on(
-    triangle: Int[Array, " n"], p: Coordinates, surface: PosedSurface, tables: SurfaceTables
+    triangle: Int[Array, " n"], p: Float[Array, "3 n"], surface: PosedSurface, tables: SurfaceTables
 ) -> Signed:
-    """Return the signed closest points of `p`, relative to `surface.origin`, on the given triangles.
+    """Return the signed closest points of `p`, relative to `surface.origin`, on the given triangles."""
+    corners = _corners(triangle, surface.flat, tables)
+    a, ab, ac = _sides(corners)
+    s, u, squared, region = _foot_in(p, a, ab, ac, _inverses(ab, ac))
+    point, own = _foot(a, ab, ac, s, u)
+    normal = _pseudo_normal(triangle, region, own, surface, tables)
+    return Signed(point, normal, *_signed(p, point, normal, squared))
 
-    Without a sum over axes: so it is a few operations and not forty.
-    """
-    a, b, c = materialised(_corners(triangle, surface, tables))
-    ab, ac = minus(b, a), minus(c, a)
-    s, u, squared, region = materialised(closest_on_triangle(p, triangle_rows(a, ab, ac)))
-    foot = tuple(x + s * y + u * z for x, y, z in zip(a, ab, ac, strict=True))
-    normal = _pseudo_normal(triangle, region, _unit(cross(ab, ac)), surface, tables)
-    foot, normal = materialised((foot, normal))  # or they are made anew for each coordinate
-    away = minus(p, foot)
+
+@apart
+def _corners(triangle: Int[Array, " n"], flat: Float[Array, " c3"], tables: SurfaceTables) -> Array:
+    """Return the corners of triangles, `[3, 3, n]`: coordinate, corner, triangle."""
+    vertex = materialised(jnp.asarray(tables.faces)[triangle])
+    return coordinates_of(vertex.T, flat)
+
+
+@apart
+def _sides(corners: Float[Array, "3 3 n"]) -> tuple[Array, Array, Array]:
+    """Return the first corners and the two sides that begin there, `[3, n]` each."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return a, b - a, c - a
+
+
+@apart
+def _inverses(ab: Float[Array, "3 n"], ac: Float[Array, "3 n"]) -> tuple[Array, Array, Array, Array]:
+    return triangle_inverses(ab, ac)
+
+
+@apart
+def _foot_in(p: Float[Array, "3 n"], a, ab, ac, inverses) -> tuple[Array, Array, Array, Array]:
+    """Return where in its triangle each closest point is, as `closest_on_triangle`."""
+    return closest_on_triangle(p, triangle_rows(a, ab, ac, inverses))
+
+
+@apart
+def _foot(a: Float[Array, "3 n"], ab, ac, s: Array, u: Array) -> tuple[Array, Array]:
+    """Return the closest points and the triangles' normals, `[3, n]` each."""
+    return a + s[None] * ab + u[None] * ac, _unit(jnp.stack(cross(ab, ac)))
+
+
+@apart
+def _signed(p: Float[Array, "3 n"], point, normal, squared) -> tuple[Array, Array]:
+    """Return the signed distances and their gradients."""
+    away = p - point
     # Nearer than a micrometre the difference of the two points is rounding; the normal is not.
     touching = squared <= 1e-12
     height = dot(away, normal)
     sign = jnp.where(height < 0, -1.0, 1.0)
     distance = jnp.sqrt(jnp.where(touching, 1.0, squared))
-    direction = tuple(jnp.where(touching, n, sign / distance * x) for n, x in zip(normal, away, strict=True))
-    return Signed(foot, normal, jnp.where(touching, height, sign * distance), direction)
+    direction = jnp.where(touching[None], normal, (sign / distance)[None] * away)
+    return jnp.where(touching, height, sign * distance), direction
 
 
-def _corners(triangle, surface: PosedSurface, tables: SurfaceTables) -> tuple[Coordinates, ...]:
-    vertex = materialised(jnp.asarray(tables.faces)[triangle])
-    corners = coordinates_of(vertex.T, surface.flat)
-    return tuple(tuple(corners[x, k] for x in range(3)) for k in range(3))
-
-
-def _pseudo_normal(triangle, region, own: Coordinates, surface, tables) -> Coordinates:
+@apart
+def _pseudo_normal(triangle, region, own: Float[Array, "3 n"], surface, tables) -> Float[Array, "3 n"]:
     """Return the outward normal of the feature that the closest point lies on (`own`: the triangle's).
 
     Face: its normal; edge: the mean of both sides; corner: the mean around it weighted by angle,
     which alone gives the right sign there (Baerentzen and Aanaes 2005).
     """
-    faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
-    a, b, c = _corners(materialised(across[triangle, jnp.clip(region - 1, 0, 2)]), surface, tables)
-    beyond = _unit(cross(minus(b, a), minus(c, a)))
-    edge = _unit(tuple(x + y for x, y in zip(own, beyond, strict=True)))
-    vertex = materialised(faces[triangle, jnp.clip(region - 4, 0, 2)])
-    corner = _fan_normal(vertex, materialised(jnp.asarray(tables.fan)[vertex]), surface.vertices)
+    beyond, vertex = _around(triangle, region, tables)
+    edge = _edge_normal(own, _corners(beyond, surface.flat, tables))
+    corner = _fan_normal(vertex, _fan_of(vertex, tables), surface.flat)
     if len(tables.wide):
-        wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.vertices)
+        wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.flat)
         place = jnp.asarray(tables.wide_place)[vertex]
-        corner = tuple(jnp.where(place >= 0, w[place], x) for w, x in zip(wide, corner, strict=True))
-    three = zip(own, edge, corner, strict=True)
-    return tuple(jnp.where(region == 0, f, jnp.where(region <= 3, e, c)) for f, e, c in three)
+        corner = jnp.where((place >= 0)[None], wide[:, place], corner)
+    return jnp.where((region == 0)[None], own, jnp.where((region <= 3)[None], edge, corner))
 
 
-def _fan_normal(vertex: Array, fan: Array, vertices: Array) -> Coordinates:
-    """Return the angle-weighted normals of vertices `[n]` with the triangles `fan` `[n, k, 2]`.
+@apart
+def _around(triangle, region, tables: SurfaceTables) -> tuple[Array, Array]:
+    """Return the triangle beyond the edge, and the vertex, that each closest point may lie on."""
+    faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
+    return across[triangle, jnp.clip(region - 1, 0, 2)], faces[triangle, jnp.clip(region - 4, 0, 2)]
+
+
+@apart
+def _edge_normal(own: Float[Array, "3 n"], beyond: Float[Array, "3 3 n"]) -> Float[Array, "3 n"]:
+    _, ab, ac = _sides(beyond)
+    return _unit(own + _unit(jnp.stack(cross(ab, ac))))
+
+
+@apart
+def _fan_of(vertex: Int[Array, " n"], tables: SurfaceTables) -> Int[Array, "n k 2"]:
+    return jnp.asarray(tables.fan)[vertex]
+
+
+@apart
+def _fan_normal(
+    vertex: Int[Array, " n"], fan: Int[Array, "n k 2"], flat: Float[Array, " c3"]
+) -> Float[Array, "3 n"]:
+    """Return the angle-weighted normals of vertices with the triangles `fan` around them.
 
     The weights are constants to a gradient: how a corner's angle changes is of no use to anyone.
     """
-    ahead = vertices[fan] - vertices[vertex][:, None, None]
-    ab, ac = (tuple(ahead[:, :, side, x] for x in range(3)) for side in range(2))
-    normal = _unit(cross(ab, ac))
+    at, around = coordinates_of(vertex, flat), coordinates_of(fan.transpose(2, 1, 0), flat)
+    return _unit(_weighted(at, around).sum(axis=1))
+
+
+@apart
+def _weighted(at: Float[Array, "3 n"], around: Float[Array, "3 2 k n"]) -> Float[Array, "3 k n"]:
+    """Return the normals of triangles around vertices, each as long as its angle there."""
+    ab, ac = (around[:, side] - at[:, None] for side in range(2))
     fixed_ab, fixed_ac = jax.lax.stop_gradient((ab, ac))
     lengths = jnp.sqrt(dot(fixed_ab, fixed_ab) * dot(fixed_ac, fixed_ac))
     angle = _arccos(dot(fixed_ab, fixed_ac) / jnp.where(lengths > 0, lengths, 1.0))
-    return _unit(tuple((angle * x).sum(axis=1) for x in normal))
+    return angle[None] * _unit(jnp.stack(cross(ab, ac)))
 
 
-def _unit(u: Coordinates) -> Coordinates:
-    """Return `normals.unit` of separate coordinates."""
+def _unit(u: Float[Array, "3 *k n"]) -> Float[Array, "3 *k n"]:
+    """Return `normals.unit` of vectors with the coordinates first."""
     squared = dot(u, u)
     long = squared > 1e-30
     length = jnp.sqrt(jnp.where(long, squared, 1.0))
-    return tuple(jnp.where(long, x / length, 0.0) for x in u)
+    return jnp.where(long[None], u / length[None], 0.0)
 
 
 def _arccos(x: Array) -> Array:

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
+from garment_jax.geometry.apart import materialised
 from garment_jax.geometry.laplacian import LaplacianTable
-from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.triangle import dot
 
 NO_LENGTH = 1e-6  # metres: two vertices that met have a length all the same

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int, UInt32
 
-from garment_jax.geometry.stencil import materialised
+from garment_jax.geometry.apart import apart
 
 WORD = 32  # places whose marks share an integer
 
@@ -30,23 +30,41 @@ def word_bits() -> UInt32[Array, "32"]:
     return jnp.asarray(np.uint32(1) << np.arange(WORD, dtype=np.uint32))
 
 
+@apart
 def marked_up_to(words: UInt32[Array, "r w"]) -> Int[Array, " r"]:
     """Return the number of marks up to and including each row."""
     return _long_sum(jax.lax.population_count(words).sum(axis=1, dtype=jnp.int32))
 
 
+@apart
 def select(
     first: Int[Array, ""] | int, size: int, words: UInt32[Array, "r w"], up_to: Int[Array, " r"]
 ) -> tuple[Int[Array, " size"], Int[Array, " size"], Bool[Array, " size"]]:
     """Return row, place and whether there is one, of the marks number `first` to `first + size - 1`.
 
-    Counted row by row; `up_to` comes from `marked_up_to`, `size` is a multiple of 32.
+    Counted row by row; `up_to` comes from `marked_up_to`.
     """
-    r, w = words.shape
-    slot = first + jnp.arange(size, dtype=jnp.int32)
-    ends = jnp.zeros(size + 1, jnp.int32).at[jnp.clip(up_to - first, 0, size)].add(1)
-    row = jnp.minimum(_long_sum(ends[:size]), r - 1)
-    rank = slot - jnp.where(row > 0, up_to[row - 1], 0)
+    row, rank = _row_of(first + jnp.arange(size, dtype=jnp.int32), up_to)
+    return row, _place_of(words, row, rank), first + jnp.arange(size, dtype=jnp.int32) < up_to[-1]
+
+
+@apart
+def _row_of(mark: Int[Array, " k"], up_to: Int[Array, " r"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
+    """Return the row of each mark, by halving, and which of the row's it is; the last row beyond all."""
+    r = len(up_to)
+    row = jnp.zeros_like(mark)
+    for bit in reversed(range(max(r - 1, 1).bit_length())):
+        further = row + (1 << bit)
+        ended = up_to.at[jnp.minimum(further, r) - 1].get(mode="promise_in_bounds") <= mark
+        row = jnp.where(ended & (further < r), further, row)
+    before = up_to.at[jnp.maximum(row - 1, 0)].get(mode="promise_in_bounds")
+    return row, mark - jnp.where(row > 0, before, 0)
+
+
+@apart
+def _place_of(words: UInt32[Array, "r w"], row: Int[Array, " k"], rank: Int[Array, " k"]) -> Int[Array, " k"]:
+    """Return the place of each row's mark number `rank`."""
+    w = words.shape[1]
     count = jax.lax.population_count(words[row]).astype(jnp.int32)
     total = before = word = jnp.zeros_like(rank)
     for k in range(w):
@@ -54,9 +72,7 @@ def select(
         passed = total <= rank
         word, before = word + passed, jnp.where(passed, total, before)
     word = jnp.minimum(word, w - 1)
-    place = word * WORD + _place_in(words.reshape(-1)[row * w + word], rank - before)
-    # once, not for every number of what is gathered there
-    return materialised((row.astype(jnp.int32), place, slot < up_to[-1]))
+    return word * WORD + _place_in(words.reshape(-1)[row * w + word], rank - before)
 
 
 def _place_in(value: UInt32[Array, " k"], rank: Int[Array, " k"]) -> Int[Array, " k"]:

@@ -5,11 +5,13 @@ times the forward pass, measured on the shared skirt). The operator never change
 once and the backward pass is a gather too. Laplacian and UV maps are such operators.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from garment_jax.geometry.apart import materialised
 
 
 class Stencil(NamedTuple):
@@ -52,42 +54,6 @@ def apply_stencil(x: jax.Array, stencil: Stencil) -> jax.Array:
 def _gather(x: jax.Array, index: np.ndarray | jax.Array, weight: np.ndarray | jax.Array) -> jax.Array:
     each = weight.reshape((1,) * (x.ndim - 2) + (*weight.shape, 1))
     return (jnp.take(materialised(x), index, axis=-2, mode="clip") * each).sum(axis=-2)
-
-
-T = TypeVar("T")
-
-
-def materialised(x: T) -> T:
-    """Return arrays (a tree of numbers) computed once: XLA on CPU fuses what made them into a gather.
-
-    There it is done once for every neighbour: twelve times the time for two Laplacians in a row, and
-    `optimization_barrier` is dropped before the fusion. A branch that is not known until run time stays; both
-    sides return what they are given. (Under `vmap` it is a selection, and stays no more.)
-    """
-    if not any(leaf.size for leaf in jax.tree.leaves(x)):
-        return x
-
-    def branch(x: T) -> T:
-        first = next(leaf for leaf in jax.tree.leaves(x) if leaf.size).reshape(-1)[0]
-        return jax.lax.cond(_common(first), lambda x: x, _again, x)
-
-    return jax.lax.platform_dependent(x, cpu=branch, default=lambda x: x)
-
-
-def _common(x: jax.Array) -> jax.Array:
-    """Return where `x` is not its type's odd one out: not a number, or the least integer."""
-    return x != jnp.iinfo(x.dtype).min if jnp.issubdtype(x.dtype, jnp.integer) else x == x
-
-
-def _again(x: T) -> T:
-    """Return `x`, in more words: a compiler drops a branch whose sides are the same."""
-
-    def again(y: jax.Array) -> jax.Array:
-        if jnp.issubdtype(y.dtype, jnp.integer):
-            return ((y >> 1) << 1) | (y & 1)
-        return jnp.where(_common(y), y, y + y)
-
-    return jax.tree.map(again, x)
 
 
 def _forward(x: jax.Array, stencil: Stencil) -> tuple[jax.Array, Stencil]:

@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.marked import WORD, marked_up_to, pack, select, word_bits
-from garment_jax.geometry.stencil import materialised
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 from garment_jax.geometry.triangle import cross, dot, squared_distance, squared_length
 
@@ -31,12 +32,10 @@ class PosedSurface(NamedTuple):
     flat: jax.Array  # [3 c] the same, coordinate after coordinate: gathered from without a division
     corners: jax.Array  # [l, 9 LEAF] of each leaf's triangles: coordinate, corner, triangle
     origin: jax.Array  # [3] taken off all coordinates, for float32's digits far from zero
-    middle: jax.Array  # [3, l] of the leaves' boxes
-    half: jax.Array  # [3, l] half their edges
-    slab: jax.Array  # [5, l] unit normal, middle and half thickness of a leaf between two planes
+    bounds: jax.Array  # [b, 11, BRANCH] of each leaf: its box' middle and half edges, its `branch_slab`
     low: jax.Array  # [3, b] least coordinates of the branches' boxes
     high: jax.Array  # [3, b] greatest
-    branch_slab: jax.Array  # [5, b] as `slab`, of a branch
+    branch_slab: jax.Array  # [5, b] unit normal, middle and half thickness of a branch between two planes
 
 
 class Nearest(NamedTuple):
@@ -46,43 +45,61 @@ class Nearest(NamedTuple):
     squared: jax.Array  # [s, g] square metres to it, or the limit's square
 
 
+@apart
 def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedSurface:
     """Return the searchable form of the mesh at `vertices` (any frame, metres)."""
-    vertices = jnp.asarray(vertices)
+    vertices, origin = _centred(jnp.asarray(vertices))
+    flat = _coordinates_first(vertices)
+    leaves = _leaves(flat, tables)
+    slab = _slabs(leaves, _normals(tables.spread, flat), 1)
+    branch_slab = _slabs(leaves, _normals(tables.branch_spread, flat), BRANCH)
+    bounds, low, high = _boxes(leaves, slab)
+    return PosedSurface(vertices, flat, _corner_rows(flat, tables), origin, bounds, low, high, branch_slab)
+
+
+@apart
+def _centred(vertices: Float[Array, "c 3"]) -> tuple[Array, Array]:
     origin = vertices.mean(axis=0)
-    vertices = vertices - origin[None]
-    # coordinate after coordinate, leaves last: what XLA runs eight at a time
-    flat = materialised(vertices.T).reshape(-1)
-    leaves = materialised(coordinates_of(jnp.asarray(tables.corners).T, flat))
+    return vertices - origin[None], origin
+
+
+@apart
+def _coordinates_first(vertices: Float[Array, "c 3"]) -> Float[Array, " c3"]:
+    return vertices.T.reshape(-1)
+
+
+@apart
+def _leaves(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "3 u l"]:
+    """Return the vertices of the leaves, leaves last: what XLA runs eight at a time."""
+    return coordinates_of(jnp.asarray(tables.corners).T, flat)
+
+
+@apart
+def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Array, Array, Array]:
+    """Return `bounds`, `low` and `high` of `PosedSurface`."""
     low, high = leaves.min(axis=1), leaves.max(axis=1)
-    branch_low, branch_high = low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
-    slab = _slabs(leaves, _normals(jnp.asarray(tables.spread), flat), 1)
-    branch_slab = _slabs(leaves, _normals(jnp.asarray(tables.branch_spread), flat), BRANCH)
+    bounds = jnp.concatenate([(low + high) / 2, (high - low) / 2, slab])
+    bounds = bounds.reshape(11, -1, BRANCH).transpose(1, 0, 2)
+    return bounds, low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
+
+
+@apart
+def _corner_rows(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "l k"]:
     named = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
-    named = named + len(vertices) * jnp.arange(3, dtype=jnp.int32)[None, :, None]
-    corners = _gathered(flat, named.reshape(len(named), -1))
-    return PosedSurface(
-        vertices,
-        flat,
-        corners,
-        origin,
-        (low + high) / 2,
-        (high - low) / 2,
-        slab,
-        branch_low,
-        branch_high,
-        branch_slab,
-    )
+    named = named + len(flat) // 3 * jnp.arange(3, dtype=jnp.int32)[None, :, None]
+    return _gathered(flat, named.reshape(len(named), -1))
 
 
-def _normals(spread: Int[Array, "3 k"], flat: Float[Array, " c3"]) -> Float[Array, "3 k"]:
+@apart
+def _normals(spread: Int[Array | np.ndarray, "3 k"], flat: Float[Array, " c3"]) -> Float[Array, "3 k"]:
     """Return the unit normals of the triangles of these vertices; 0 where they are on a line."""
-    at = coordinates_of(spread, flat)
+    at = coordinates_of(jnp.asarray(spread), flat)
     n = jnp.stack(cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]))
     length = jnp.sqrt(squared_length(n))
-    return materialised(n / jnp.where(length > 0, length, 1.0)[None])
+    return n / jnp.where(length > 0, length, 1.0)[None]
 
 
+@apart
 def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> Float[Array, "5 k"]:
     """Return normals, middles and half thicknesses of `many` leaves each between planes along `n`.
 
@@ -97,6 +114,7 @@ def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> 
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 
+@apart
 def search(
     points: Float[Array, "3 s g"],
     limit: Float[Array, "s g"],
@@ -110,44 +128,87 @@ def search(
     `points` are relative to `surface.origin`. In float32, of triangles whose squared distances
     differ by less than two millionths, either may be returned. Not differentiable.
     """
-    s, g = limit.shape
-    words = (_marks(points, limit, surface) if words is None else words).T
+    words = _marks(points, limit, surface) if words is None else words
+    words, rows, limits = _rows(words, points, limit)
     up_to, flat = marked_up_to(words), points.reshape(3, -1)
-    rows, limits = materialised((points.transpose(2, 0, 1), limit.T))
 
     def pairs(state):
         at, key, where = state
         group, branch, valid = select(at, PAIRS, words, up_to)
-        # a place is a leaf of the branch and a point of the group
-        reached = _reached(rows[group], limits[group], branch, surface)
-        inner = pack((reached & valid[:, None, None]).reshape(PAIRS, -1))
+        inner = _inner(rows, limits, group, branch, valid, surface)
         inner_up_to = marked_up_to(inner)
 
         def tests(state):
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
-            point, its = materialised((place % s * g + group[pair], branch[pair] * BRANCH + place // s))
-            corners = surface.corners[its].reshape(TESTS, 3, 3, LEAF).transpose(1, 2, 0, 3)
-            squared = squared_distance(flat[:, point], corners)
-            found = _key(materialised(squared), jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
-            point = jnp.where(valid, point, g * s)
-            key = key.at[point].min(found, mode="drop")
-            won = valid & (key.at[point].get(mode="clip") == found)
-            where = where.at[jnp.where(won, point, g * s)].set(its, mode="drop")
-            return at + TESTS, key, where
+            point, its, target = _named(pair, place, valid, group, branch, limit.shape)
+            found = _nearest_in(flat, point, surface.corners, its)
+            return at + TESTS, *_noted(key, where, found, its, target, valid)
 
         _, key, where = jax.lax.while_loop(
             lambda s: s[0] < inner_up_to[-1], tests, (jnp.int32(0), key, where)
         )
         return at + PAIRS, key, where
 
-    key = _key(jnp.where(limit < 0, 0.0, limit * limit).reshape(-1), LEAF - 1)
-    start = (jnp.int32(0), key, jnp.full(g * s, -1, jnp.int32))
+    start = (jnp.int32(0), *_nothing_found(limit))
     _, key, where = jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)
+    return _nearest(key, where, limit)
+
+
+@apart
+def _nothing_found(limit: Float[Array, "s g"]) -> tuple[Array, Array]:
+    key = _key(jnp.where(limit < 0, 0.0, limit * limit).reshape(-1), LEAF - 1)
+    return key, jnp.full(limit.size, -1, jnp.int32)
+
+
+@apart
+def _nearest(key: Int[Array, " n"], where: Int[Array, " n"], limit: Float[Array, "s g"]) -> Nearest:
     triangle = jnp.where(where < 0, -1, where * LEAF + (key & (LEAF - 1)).astype(jnp.int32))
     digits = jnp.float64 if key.dtype == jnp.int64 else jnp.float32
     squared = jax.lax.bitcast_convert_type(key & ~(LEAF - 1), digits).astype(limit.dtype)
-    return Nearest(triangle.astype(jnp.int32).reshape(s, g), squared.reshape(s, g))
+    return Nearest(triangle.astype(jnp.int32).reshape(limit.shape), squared.reshape(limit.shape))
+
+
+@apart
+def _rows(words: UInt32[Array, "w g"], points: Float[Array, "3 s g"], limit: Float[Array, "s g"]):
+    """Return the same, group after group: what is looked up there lies together."""
+    return words.T, points.transpose(2, 0, 1), limit.T
+
+
+@apart
+def _inner(rows: Float[Array, "g 3 s"], limits, group, branch, valid, surface) -> UInt32[Array, "k w"]:
+    """Return the marks of each pair's leaves and points within the point's own limit, leaf after leaf."""
+    reached = _reached(*_looked_up(rows, limits, surface.bounds, group, branch))
+    return pack((reached & valid[:, None, None]).reshape(PAIRS, -1))
+
+
+@apart
+def _looked_up(rows, limits, bounds, group, branch) -> tuple[Array, Array, Array]:
+    return rows[group], limits[group], bounds[branch]
+
+
+@apart
+def _named(pair, place, valid, group, branch, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """Return the point and the leaf of each test, and where the point's answer is kept: nowhere, beyond."""
+    s, g = shape
+    point = place % s * g + group[pair]
+    return point, branch[pair] * BRANCH + place // s, jnp.where(valid, point, s * g)
+
+
+@apart
+def _nearest_in(flat: Float[Array, "3 n"], point, corners, its) -> Int[Array, " k"]:
+    """Return the least key of each test's triangles."""
+    rows = corners[its].reshape(-1, 3, 3, LEAF).transpose(1, 2, 0, 3)
+    squared = materialised(squared_distance(flat[:, point], rows))
+    return _key(squared, jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
+
+
+@apart
+def _noted(key, where, found, its, target, valid) -> tuple[Array, Array]:
+    """Return the keys and leaves with what was found written `target` its place."""
+    key = key.at[target].min(found, mode="drop")
+    won = valid & (key.at[target].get(mode="clip") == found)
+    return key, where.at[jnp.where(won, target, len(key))].set(its, mode="drop")
 
 
 def coordinates_of(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
@@ -199,27 +260,30 @@ def branches_within(gap_squared: Float[Array, "w g"], widest: Float[Array, " g"]
     return jnp.where(within, word_bits()[None, :, None], jnp.uint32(0)).sum(axis=1, dtype=jnp.uint32)
 
 
+@apart
 def _marks(points: Float[Array, "3 s g"], limit, surface) -> Array:
     """Return the marks `[w / 32, g]` of the pairs of a group and a branch that may hold a closest point."""
     gap = branch_gap_squared(*group_boxes(points, limit >= 0), surface)
     return branches_within(gap, limit.max(axis=0))
 
 
-def _reached(points: Float[Array, "k 3 s"], limit, branch, surface) -> Array:
+@apart
+def _reached(
+    points: Float[Array, "k 3 s"], limit: Float[Array, "k s"], bounds: Float[Array, "k 11 b"]
+) -> Array:
     """Return which leaves and points `[k, BRANCH, s]` of each pair lie within the point's own limit."""
-    boxes = jnp.concatenate([surface.middle, surface.half, surface.slab])
-    boxes = boxes.reshape(11, -1, BRANCH).transpose(1, 0, 2)[branch][..., None]
-    points = points[:, :, None]
-    squared, height = jnp.zeros(()), -boxes[:, 9]
+    points, bounds = points[:, :, None], bounds[..., None]
+    squared, height = jnp.zeros(()), -bounds[:, 9]
     for x in range(3):
-        gap = jnp.maximum(jnp.abs(points[:, x] - boxes[:, x]) - boxes[:, 3 + x], 0.0)
+        gap = jnp.maximum(jnp.abs(points[:, x] - bounds[:, x]) - bounds[:, 3 + x], 0.0)
         squared = squared + gap * gap
-        height = height + points[:, x] * boxes[:, 6 + x]
-    gap = jnp.maximum(jnp.abs(height) - boxes[:, 10], 0.0)
+        height = height + points[:, x] * bounds[:, 6 + x]
+    gap = jnp.maximum(jnp.abs(height) - bounds[:, 10], 0.0)
     squared = jnp.maximum(squared, gap * gap)
-    return (materialised(squared) <= (limit * limit)[:, None]) & (limit >= 0)[:, None]
+    return (squared <= (limit * limit)[:, None]) & (limit >= 0)[:, None]
 
 
+@apart
 def distance_to(
     triangle: Int[Array, " n"], points: Float[Array, "3 n"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:

@@ -30,21 +30,29 @@ def _inverse(x: Array) -> Array:
     return jnp.where(x > 0, 1.0 / jnp.where(x > 0, x, 1.0), 0.0)
 
 
-def triangle_rows(a, ab, ac) -> list[Array]:
+def triangle_inverses(ab, ac) -> tuple[Array, Array, Array, Array]:
+    """Return 1 over the squares of twice the area and of the edges `ab`, `ac`, `bc`; 0 where there is none.
+
+    A triangle thinner than 1e-6 of its edges counts as without area.
+    """
+    ab2, ac2 = dot(ab, ab), dot(ac, ac)
+    bc2 = jnp.maximum(ab2 - 2 * dot(ab, ac) + ac2, 0.0)
+    n2 = squared_length(cross(ab, ac))
+    flat = n2 <= FLAT * ab2 * ac2
+    area = jnp.where(flat, 0.0, 1.0 / jnp.where(flat, 1.0, n2))
+    return area, _inverse(ab2), _inverse(ac2), _inverse(bc2)
+
+
+def triangle_rows(a, ab, ac, inverses) -> list[Array]:
     """Return what a test of a triangle needs: corner, edges, dual edges, products (22 arrays).
 
-    `x . g` are the barycentric coordinates of x's foot point. A triangle thinner than 1e-6 of its
-    edges has none and is tested by its edges alone.
+    `x . g` are the barycentric coordinates of x's foot point. A triangle without area (`triangle_inverses`)
+    has none and is tested by its edges alone.
     """
-    ab2, ac2, abac = dot(ab, ab), dot(ac, ac), dot(ab, ac)
-    bc2 = jnp.maximum(ab2 - 2 * abac + ac2, 0.0)
+    area, *edges = inverses
     n = cross(ab, ac)
-    n2 = dot(n, n)
-    flat = n2 <= FLAT * ab2 * ac2
-    scale = jnp.where(flat, 0.0, 1.0 / jnp.where(flat, 1.0, n2))
-    g = [x * scale for x in (*cross(ac, n), *cross(n, ab))]
-    edges = [_inverse(x) for x in (ab2, ac2, bc2)]
-    return [*a, *ab, *ac, *g, ab2, ac2, abac, *edges, jnp.where(flat, -1.0, 0.0)]
+    g = [x * area for x in (*cross(ac, n), *cross(n, ab))]
+    return [*a, *ab, *ac, *g, dot(ab, ab), dot(ac, ac), dot(ab, ac), *edges, jnp.where(area > 0, 0.0, -1.0)]
 
 
 def closest_on_triangle(p, rows) -> tuple[Array, Array, Array, Array]:

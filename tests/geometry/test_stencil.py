@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from garment_jax.geometry.stencil import apply_stencil, dense_matrix, make_stencil, materialised
+from garment_jax.geometry.stencil import apply_stencil, dense_matrix, make_stencil
 
 ROWS, COLUMNS, TAPS = 7, 5, 3
 
@@ -66,41 +66,3 @@ def test_an_operator_of_zeros_gives_zeros():
     x = jnp.ones((4, 1))
     np.testing.assert_array_equal(apply_stencil(x, stencil), 0)
     np.testing.assert_array_equal(jax.grad(lambda x: apply_stencil(x, stencil).sum())(x), 0)
-
-
-@pytest.mark.parametrize("first", [1.5, -0.0, np.nan, np.inf])
-def test_what_is_materialised_keeps_every_bit(first):
-    x = np.array([first, -0.0, 1e-40, -np.inf, np.nan, 3.0], np.float32)
-    found = np.asarray(jax.jit(materialised)(jnp.asarray(x)))
-    np.testing.assert_array_equal(found.view(np.int32) | np.isnan(x), x.view(np.int32) | np.isnan(x))
-
-
-@pytest.mark.parametrize("first", [7, -8, np.iinfo(np.int32).min, np.iinfo(np.int32).max])
-def test_so_do_integers_and_what_comes_beside_them(first):
-    x = np.array([first, 0, -1, np.iinfo(np.int32).min, 5], np.int32)
-    y = np.array([[np.nan, 2.0]], np.float32)
-    found = jax.jit(materialised)((jnp.asarray(x), {"y": jnp.asarray(y)}))
-    np.testing.assert_array_equal(found[0], x)
-    np.testing.assert_array_equal(found[1]["y"], y)
-
-
-def test_what_is_empty_comes_back():
-    empty, one = jnp.zeros((0, 3)), jnp.ones(2)
-    assert materialised(empty).shape == (0, 3)
-    found = materialised((empty, one))
-    assert found[0].shape == (0, 3)
-    np.testing.assert_array_equal(found[1], one)
-
-
-def test_the_gradient_of_what_is_materialised():
-    x = jnp.asarray([0.3, -2.0], jnp.float32)
-    for start in (0.0, np.nan):
-        loss = lambda x: (materialised(jnp.concatenate([jnp.array([start]), 3 * x**2]))[1:]).sum()  # noqa: B023, E731
-        np.testing.assert_allclose(jax.jit(jax.grad(loss))(x), 6 * x)
-
-
-@pytest.mark.skipif(jax.default_backend() != "cpu", reason="a CPU's fusions")
-def test_on_a_cpu_the_branch_is_still_there_when_compiled():
-    for x in (jnp.ones((3, 200)), jnp.ones(64, jnp.int32)):
-        text = jax.jit(lambda x: materialised(x + x) * 2).lower(x).compile().as_text()
-        assert "conditional(" in text
