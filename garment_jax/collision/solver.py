@@ -259,13 +259,9 @@ def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, 
     def body(s: _Progress) -> _Progress:
         on, margin = descending(s), _push_margin(s.pushes, options)
         now = advance(on, s.now, frame.local, s.at, frame.members, tables, options, margin=margin)
-        local = _added(frame.local, now.x)
-        shift = _distances(now.x, s.searched)
-        limit = _next_limit(shift, local, s.at, frame.members.moving, options)
-        at = find_again(local, s.at._replace(ds=s.at.ds - shift), limit, frame.surface, tables)
-        moved = jnp.where(on, _distances(now.x, s.now.x).max(), s.moved)
-        steps = s.steps + jnp.where(on, options.refresh_every, 0)
-        return _Progress(now, at, now.x, steps, moved, s.pushes + jnp.where(on, 0, 1))
+        local, ds, limit = _next_limit(now.x, s.searched, frame.local, s.at, frame.members.moving, options)
+        at = find_again(local, s.at._replace(ds=ds), limit, frame.surface, tables)
+        return _Progress(now, at, now.x, *_counted(on, s.steps, s.moved, s.pushes, now.x, s.now.x, options))
 
     none, one = jnp.int32(0), jnp.ones((), x.dtype)
     start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
@@ -282,26 +278,24 @@ def _push_margin(pushes: Array, options) -> Array:
 
 
 @apart
-def _added(local: Float[Array, "3 n"], x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-    return local + x
+def _counted(on, steps, moved, pushes, x: Float[Array, "3 n"], last: Float[Array, "3 n"], options):
+    """Return the steps taken, how far the last ones moved, and the projections."""
+    moved = jnp.where(on, jnp.sqrt(squared_length(x - last).max()), moved)
+    return steps + jnp.where(on, options.refresh_every, 0), moved, pushes + jnp.where(on, 0, 1)
 
 
 @apart
-def _distances(x: Float[Array, "3 n"], y: Float[Array, "3 n"]) -> Float[Array, " n"]:
-    return jnp.sqrt(squared_length(x - y))
-
-
-@apart
-def _next_limit(shift: Float[Array, " n"], local, at: Contacts, moving, options) -> Float[Array, " n"]:
-    """Return how far to search around vertices that moved by `shift` since they were searched, to `local`.
+def _next_limit(x, searched, base: Float[Array, "3 n"], at: Contacts, moving, options) -> tuple[Array, ...]:
+    """Return the vertices moved by `x`, their distances or bounds, and how far to search around them.
 
     Only those are asked that may have come within the margin; the others' distance shrinks by what
     they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
     may rest on the wrong sign: after a long way it is not trusted.
     """
-    far = shift > FAR
-    asked = moving & (far | (at.ds - shift < options.eps))
+    shift = jnp.sqrt(squared_length(x - searched))
+    local, ds, far = base + x, at.ds - shift, shift > FAR
+    asked = moving & (far | (ds < options.eps))
     away = local - at.point  # the point is still on the surface: none is farther
     bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
     limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
-    return jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
+    return local, ds, jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
