@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
-from garment_jax.geometry.apart import materialised
+from garment_jax.geometry.apart import apart
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.triangle import dot
 
@@ -164,17 +164,29 @@ def elastic_gradient(
     around = _neighbours(x, tables)  # gathered once for both
     r = _laplacian(around, x, tables, [band.weight for band in tables.bands])
     bent = _laplacian(_neighbours(r, tables), r, tables, [band.weight_back for band in tables.bands])
-    pulled = []
-    for b, (band, own) in enumerate(_own(x, tables)):
-        pull = jnp.zeros_like(own)
-        for k in range(len(band.index)):
-            e = edges[b][:, k] + own - around[b][:, k]
-            length = jnp.sqrt(jnp.maximum(dot(e, e), NO_LENGTH**2))
-            wanted = jnp.asarray(band.rest[k])
-            if longest is not None:
-                wanted = jnp.clip(length, wanted, longest[b][k])
-            pull = pull + jnp.maximum(1 - wanted / length, 1 - tables.crushed)[None] * e
-        pulled.append(pull)
+    pulled = [
+        _pull(own, edges[b], around[b], band, tables.crushed, None if longest is None else longest[b])
+        for b, (band, own) in enumerate(_own(x, tables))
+    ]
+    return _together(bent, x, pulled, tables)
+
+
+@apart
+def _pull(own: Float[Array, "3 m"], edges, around, band: Band, crushed, longest) -> Float[Array, "3 m"]:
+    """Return the gradient of one band's stretching, per unit of `spring`."""
+    pull = jnp.zeros_like(own)
+    for k in range(len(band.index)):
+        e = edges[:, k] + own - around[:, k]
+        length = jnp.sqrt(jnp.maximum(dot(e, e), NO_LENGTH**2))
+        wanted = jnp.asarray(band.rest[k])
+        if longest is not None:
+            wanted = jnp.clip(length, wanted, longest[k])
+        pull = pull + jnp.maximum(1 - wanted / length, 1 - crushed)[None] * e
+    return pull
+
+
+@apart
+def _together(bent: Float[Array, "3 n"], x: Float[Array, "3 n"], pulled: list[Array], tables) -> Array:
     return bent + tables.hold * x + tables.spring * jnp.concatenate(pulled, axis=1)
 
 
@@ -189,6 +201,7 @@ def lengths_of(edges: Edges) -> Edges:
     return tuple(jnp.sqrt(dot(e, e)) for e in edges)
 
 
+@apart
 def accelerated(
     new: Float[Array, "3 n"], x: Float[Array, "3 n"], y: Float[Array, "3 n"], theta: Float[Array, ""]
 ) -> tuple[Array, Array, Array]:
@@ -202,6 +215,7 @@ def accelerated(
     return new, new + beta * (new - x), following
 
 
+@apart
 def _laplacian(around: Edges, x: Array, tables: ElasticTables, weight: list[np.ndarray]) -> Array:
     """Return sum_k w_ik (x_k - x_i) `[3, n]`; the transpose has other weights and the same diagonal."""
     sums = []
@@ -221,9 +235,10 @@ def _own(x: Array, tables: ElasticTables) -> Iterator[tuple[Band, Array]]:
         start += len(band.total)
 
 
+@apart
 def _neighbours(x: Array, tables: ElasticTables) -> Edges:
     """Return the neighbours `[3, k, m]` in every band; a gather for each of them takes longer."""
-    flat = materialised(x).reshape(-1)
+    flat = x.reshape(-1)
     planes = x.shape[1] * np.arange(3, dtype=np.int32)[:, None, None]
     places = (jnp.asarray(band.index[None] + planes) for band in tables.bands)
     return tuple(flat.at[p].get(mode="promise_in_bounds", wrap_negative_indices=False) for p in places)
