@@ -69,12 +69,17 @@ def crossing_limit(
     be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
     between its planes, both drawn along that movement. So what slides along the body is not searched.
     """
-    body = surface.flat.reshape(3, -1) + surface.origin[:, None] - state.collider
+    body = collider_of(surface) - state.collider
     ours, its = _movement(moved, tables.groups), _movement(body, tables.surface.branches)
     limit = _group_limit(
         _middle_and_half(*boxes), _middle_and_half(surface.low, surface.high), ours, its, surface
     )
     return of_group(limit, tables)
+
+
+def collider_of(surface: PosedSurface) -> Float[Array, "3 c"]:
+    """Return the vertices of a surface, coordinates first, metres, in the frame in which it was given."""
+    return surface.flat.reshape(3, -1) + surface.origin[:, None]
 
 
 @apart

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from garment_jax.collision.contacts import (
     Contacts,
     boxes_of,
+    collider_of,
     crossing_limit,
     find_again,
     find_contacts,
@@ -124,7 +125,7 @@ def resolve_collisions(
     following = CollisionState(
         triangle=end.at.triangle,
         V=planes,
-        collider=collider_vertices.T,
+        collider=collider_of(surface),
         outside=_outside(state, first, end.at, free, tables),
         correction=_moved_by(members.moving, end.now.x),
         frame=state.frame + 1,

@@ -28,8 +28,9 @@ _NOWHERE = 1e15  # metres: no limit reaches a box that is only padding, and its 
 class PosedSurface(NamedTuple):
     """One frame's mesh, ready to be searched several times."""
 
-    vertices: jax.Array  # [c, 3] relative to origin
-    flat: jax.Array  # [3 c] the same, coordinate after coordinate: gathered from without a division
+    flat: (
+        jax.Array
+    )  # [3 c] vertices relative to origin, coordinate after coordinate: gathered without a division
     corners: jax.Array  # [l, 9 LEAF] of each leaf's triangles: coordinate, corner, triangle
     origin: jax.Array  # [3] taken off all coordinates, for float32's digits far from zero
     bounds: jax.Array  # [b, 11, BRANCH] of each leaf: its box' middle and half edges, its `branch_slab`
@@ -48,24 +49,20 @@ class Nearest(NamedTuple):
 @apart
 def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedSurface:
     """Return the searchable form of the mesh at `vertices` (any frame, metres)."""
-    vertices, origin = _centred(jnp.asarray(vertices))
-    flat = _coordinates_first(vertices)
+    flat, origin = _centred(jnp.asarray(vertices))
     leaves = _leaves(flat, tables)
     slab = _slabs(leaves, _normals(tables.spread, flat), 1)
     branch_slab = _slabs(leaves, _normals(tables.branch_spread, flat), BRANCH)
     bounds, low, high = _boxes(leaves, slab)
-    return PosedSurface(vertices, flat, _corner_rows(flat, tables), origin, bounds, low, high, branch_slab)
+    return PosedSurface(flat, _corner_rows(flat, tables), origin, bounds, low, high, branch_slab)
 
 
 @apart
 def _centred(vertices: Float[Array, "c 3"]) -> tuple[Array, Array]:
-    origin = vertices.mean(axis=0)
-    return vertices - origin[None], origin
-
-
-@apart
-def _coordinates_first(vertices: Float[Array, "c 3"]) -> Float[Array, " c3"]:
-    return vertices.T.reshape(-1)
+    """Return the coordinates one after the other, from the mean of all vertices, and that."""
+    planes = materialised(vertices.T)
+    origin = planes.mean(axis=1)
+    return (planes - origin[:, None]).reshape(-1), origin
 
 
 @apart
@@ -298,14 +295,14 @@ def distance_to_corner(
     triangle: Int[Array, " n"], points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:
     """Return the distance to the first corner of a named triangle: a bound at a tenth of the cost."""
-    away = points - surface.vertices[jnp.asarray(tables.faces)[:, 0][triangle]]
-    return jnp.sqrt((away * away).sum(axis=-1)) * (1 + 1e-4) + 1e-6
+    away = points.T - coordinates_of(jnp.asarray(tables.faces)[:, 0][triangle], surface.flat)
+    return jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
 
 
 def nearest_leaf(
     points: Float[Array, "n 3"], surface: PosedSurface, tables: SurfaceTables
 ) -> Int[Array, " n"]:
     """Return the row of the triangle whose corner is the nearest of one a leaf: a guess from nothing."""
-    corners = surface.vertices[jnp.asarray(tables.faces)[::LEAF, 0]]
-    squared = ((points[:, None] - corners[None]) ** 2).sum(axis=-1)
+    corners = coordinates_of(jnp.asarray(tables.faces)[::LEAF, 0], surface.flat)
+    squared = squared_length(points.T[:, :, None] - corners[:, None])
     return LEAF * squared.argmin(axis=1).astype(jnp.int32)

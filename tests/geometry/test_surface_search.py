@@ -84,7 +84,8 @@ def test_leaves_and_branches_lie_between_their_planes_and_in_their_boxes():
     _, surface, tables, _ = setting()
     middle, half, leaf_slab = np.split(np.asarray(surface.bounds).swapaxes(0, 1).reshape(11, -1), [3, 6])
     for slab in (np.asarray(surface.branch_slab), leaf_slab):
-        corners = np.asarray(surface.vertices)[tables.faces].reshape(slab.shape[1], -1, 3)
+        vertices = np.asarray(surface.flat).reshape(3, -1).T
+        corners = vertices[tables.faces].reshape(slab.shape[1], -1, 3)
         height = np.einsum("lkx,xl->kl", corners, slab[:3])
         assert (np.abs(height - slab[3]) <= slab[4]).all()
         np.testing.assert_allclose(np.linalg.norm(slab[:3], axis=0), 1.0, atol=1e-5)
