@@ -50,8 +50,8 @@ def keeps(standing: Standing, V_f: Float[Array, "n 3"], frames: Int[Array, ""]) 
 
     `V_f` is the frame's prediction (metres, root frame). One with a NaN keeps nothing.
     """
-    way = jnp.sqrt(jnp.square(V_f - standing.V_f).sum(axis=-1).max())
-    return (frames > SETTLE) & (way < QUIET)
+    squared = jnp.square(V_f - standing.V_f).sum(axis=-1)
+    return (frames > SETTLE) & (squared < QUIET**2).all()
 
 
 @apart

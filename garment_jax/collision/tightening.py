@@ -78,7 +78,7 @@ def resolve_unstretched(
         V = jax.lax.cond(first, lambda: V_f, lambda: _shortened(last, strain, as_in))
         result, following = resolved(V, last.state)
         excess = jax.lax.cond(
-            first & (result.outcome == Outcome.NOTHING_TO_DO),
+            first & ((result.outcome == Outcome.NOTHING_TO_DO) | (result.outcome == Outcome.NOT_FINITE)),
             lambda: jnp.zeros((), V.dtype),
             lambda: limit_rate(result.V, strain, as_in=as_in),
         )

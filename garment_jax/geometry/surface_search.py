@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.marked import WORD, marked_up_to, pack, select, word_bits
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
-from garment_jax.geometry.triangle import cross, dot, squared_distance, squared_length
+from garment_jax.geometry.triangle import cross, dot, most, squared_distance, squared_length
 
 PAIRS = 512  # pairs of a group and a branch taken at a time
 TESTS = 256  # pairs of a point and a leaf tested at a time
@@ -239,11 +239,10 @@ def group_boxes(points: Float[Array, "3 s g"], asked: Bool[Array, "s g"]) -> tup
 def branch_gap_squared(low: Float[Array, "3 g"], high: Float[Array, "3 g"], surface: PosedSurface) -> Array:
     """Return the squared distances `[w, g]` of boxes to the branches', of which there are w in full words."""
     fill = ((0, 0), (0, -surface.low.shape[1] % WORD))  # before the dense pass: it would be done in it
-    least, greatest = (jnp.pad(x, fill, constant_values=_NOWHERE) for x in (surface.low, surface.high))
+    lowest, highest = (jnp.pad(x, fill, constant_values=_NOWHERE) for x in (surface.low, surface.high))
     squared = jnp.zeros(())
     for x in range(3):
-        apart = jnp.maximum(least[x][:, None] - high[x][None], low[x][None] - greatest[x][:, None])
-        gap = jnp.maximum(apart, 0.0)
+        gap = most(most(lowest[x][:, None] - high[x][None], low[x][None] - highest[x][:, None]), 0.0)
         squared = squared + gap * gap
     return squared
 
@@ -272,11 +271,11 @@ def _reached(
     points, bounds = points[:, :, None], bounds[..., None]
     squared, height = jnp.zeros(()), -bounds[:, 9]
     for x in range(3):
-        gap = jnp.maximum(jnp.abs(points[:, x] - bounds[:, x]) - bounds[:, 3 + x], 0.0)
+        gap = most(jnp.abs(points[:, x] - bounds[:, x]) - bounds[:, 3 + x], 0.0)
         squared = squared + gap * gap
         height = height + points[:, x] * bounds[:, 6 + x]
-    gap = jnp.maximum(jnp.abs(height) - bounds[:, 10], 0.0)
-    squared = jnp.maximum(squared, gap * gap)
+    gap = most(jnp.abs(height) - bounds[:, 10], 0.0)
+    squared = most(squared, gap * gap)
     return (squared <= (limit * limit)[:, None]) & (limit >= 0)[:, None]
 
 

@@ -21,6 +21,16 @@ def squared_length(u):
     return dot(u, u)
 
 
+def least(x: Array, y: Array | float) -> Array:
+    """Return the lesser, `y` where one is not a number: an instruction, where `jnp.minimum` takes three."""
+    return jnp.where(x < y, x, y)
+
+
+def most(x: Array, y: Array | float) -> Array:
+    """Return the greater, `y` where one is not a number."""
+    return jnp.where(x > y, x, y)
+
+
 def cross(u, v):
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
@@ -101,14 +111,14 @@ def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t
     inside = (dot(cross(ab, pa), n) >= 0) & (dot(cross(bc, pb), n) >= 0) & (dot(cross(pa, ac), n) >= 0)
     sine = n2 * _inverse(dot(ab, ab) * dot(ac, ac))
     height = dot(n, pa)
-    edge = jnp.minimum(jnp.minimum(_to_edge(pa, ab), _to_edge(pa, ac)), _to_edge(pb, bc))
+    edge = least(least(_to_edge(pa, ab), _to_edge(pa, ac)), _to_edge(pb, bc))
     squared = jnp.where(inside & (sine > FLAT), height * height / jnp.where(n2 > 0, n2, 1.0), edge)
     return jnp.where(sine > THIN, squared, squared * (1 + 2e-5) + 1e-12)
 
 
 def _to_edge(p, e):
     """Return the squared distance to the segment from 0 to `e`; to 0 if it has no length."""
-    t = jnp.clip(dot(p, e) * _inverse(dot(e, e)), 0.0, 1.0)
+    t = least(most(dot(p, e) * _inverse(dot(e, e)), 0.0), 1.0)
     r = tuple(x - t * y for x, y in zip(p, e, strict=True))
     return dot(r, r)
 
