@@ -102,22 +102,9 @@ def make_resolver(
         return jax.lax.cond(kept, stands, goes_on)
 
     def resolved(held: jax.Array, v: jax.Array, pinned: jax.Array, c: jax.Array, state: CollisionState):
+        handled = partial(resolve_unstretched, strain=strain, as_in=v) if strain else resolve_collisions
         positions = None if pins is None else pinned
-        if strain is None:
-            return resolve_collisions(
-                held, c, state, tables=tables, pins=pins, pin_positions=positions, options=options
-            )
-        return resolve_unstretched(
-            held,
-            c,
-            state,
-            tables=tables,
-            strain=strain,
-            as_in=v,
-            pins=pins,
-            pin_positions=positions,
-            options=options,
-        )
+        return handled(held, c, state, tables=tables, pins=pins, pin_positions=positions, options=options)
 
     @partial(jax.jit, compiler_options=_MINIMA | (_ONE_THREAD if len(tables.index) < _FEW else {}))
     def resolve(
@@ -132,9 +119,8 @@ def make_resolver(
             frames, kept = _stands(carry.standing, v, c)
             held, sided, pierced = sides_kept(carry, v, ends, kept)
             before = carry.state.correction
-            result, state = resolved(
-                held, v, pinned, c, carry.state._replace(correction=_unless(kept, before))
-            )
+            begun = carry.state._replace(correction=_chosen(kept, 0.0, before))
+            result, state = resolved(held, v, pinned, c, begun)
             state = state._replace(correction=_chosen(kept, before, state.correction))
             result, state = calmed(result, state, held, kept)
             correction = _correction(result.V, v, free_vertices(len(v), pins))
@@ -177,12 +163,7 @@ def _stands(standing: Standing, v: Array, c: Array) -> tuple[Array, Array]:
 
 
 @apart
-def _unless(kept: Array, x: Array) -> Array:
-    return jnp.where(kept, 0.0, x)
-
-
-@apart
-def _chosen(kept: Array, x: Array, y: Array) -> Array:
+def _chosen(kept: Array, x: Array | float, y: Array) -> Array:
     return jnp.where(kept, x, y)
 
 

@@ -28,9 +28,7 @@ _NOWHERE = 1e15  # metres: no limit reaches a box that is only padding, and its 
 class PosedSurface(NamedTuple):
     """One frame's mesh, ready to be searched several times."""
 
-    flat: (
-        jax.Array
-    )  # [3 c] vertices relative to origin, coordinate after coordinate: gathered without a division
+    flat: jax.Array  # [3 c] relative to origin, coordinate after coordinate: gathered without a division
     corners: jax.Array  # [l, 9 LEAF] of each leaf's triangles: coordinate, corner, triangle
     origin: jax.Array  # [3] taken off all coordinates, for float32's digits far from zero
     bounds: jax.Array  # [b, 11, BRANCH] of each leaf: its box' middle and half edges, its `branch_slab`
