@@ -80,6 +80,10 @@ def add(commands) -> None:
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
     parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
     parser.add_argument(
+        "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
+    )
+    parser.add_argument("--at-once", type=int, help="clips side by side on a GPU (default 128)")
+    parser.add_argument(
         "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
     )
     defaults = {name: parser.get_default(name) for names in WAYS.values() for name in names}
@@ -89,7 +93,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.embedded.made import check_count
-    from garment_jax.simulation.clips import simulate_clips
+    from garment_jax.simulation.clips import AT_ONCE, simulate_clips
     from garment_jax.simulation.command import (
         EMBEDDED_CLOTH,
         check_frames,
@@ -131,7 +135,15 @@ def run(options: argparse.Namespace) -> None:
         check_rest_shape(scene.garment, flat, options.pattern or options.garment)
     show = partial(print, flush=True)
     outcomes = simulate_clips(
-        scene, jobs, options.out, settings, flat=flat, workers=options.workers, progress=show
+        scene,
+        jobs,
+        options.out,
+        settings,
+        flat=flat,
+        workers=options.workers,
+        device=options.device,
+        at_once=options.at_once or min(AT_ONCE, len(jobs)),
+        progress=show,
     )
     kept = [outcome for outcome in outcomes if outcome.path is not None]
     print(f"{options.out}: {len(kept)} of {len(outcomes)} clips")
@@ -142,6 +154,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _check_way(options: argparse.Namespace) -> None:
     """Refuse options that would not be looked at: those of another way than the one that is asked for."""
+    if options.at_once is not None and options.device == "cpu":
+        raise ValueError("--at-once is for simulate --device cuda; on a CPU give --workers.")
     given = [way for way in ("embedded", "vary") if getattr(options, way) is not None]
     if len(given) == 2:
         raise ValueError("--embedded and --vary are two ways to get motions; leave one out.")

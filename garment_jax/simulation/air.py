@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from garment_jax.simulation.settings import ClothSettings
+
 
 class Air(NamedTuple):
     """What the drag needs of a cloth (static)."""
@@ -18,20 +20,15 @@ class Air(NamedTuple):
     weight: np.ndarray  # [f] float32, 1/2 rho c_d / (mass of the face), 1/(m s) per m2 and m/s
 
 
-def make_air(
-    faces: np.ndarray, areas: np.ndarray, n: int, *, cloth_density: float, air_density: float, drag: float
-) -> Air:
-    """Return the tables for `n` vertices and `faces` `[f, 3]` of rest `areas` `[f]` (m2).
-
-    `cloth_density` is in kg/m2, `air_density` in kg/m3; `drag` is the coefficient c_d of a face that
-    moves along its normal.
-    """
+def make_air(faces: np.ndarray, areas: np.ndarray, n: int, settings: ClothSettings) -> Air:
+    """Return the tables for `n` vertices and `faces` `[f, 3]` of rest `areas` `[f]` (m2)."""
+    air_density = settings.air_density if settings.air else 0.0
     third = np.repeat(areas / 3.0, 3)
     columns = np.repeat(np.arange(len(faces)), 3)
     share = sp.csr_matrix((third, (faces.ravel(), columns)), (n, len(faces)), dtype=np.float64)
     total = np.asarray(share.sum(axis=1)).ravel()
     share = sp.diags(1.0 / np.where(total > 0, total, 1.0)) @ share  # a vertex without faces feels no air
-    weight = 0.5 * air_density * drag / (cloth_density * areas)
+    weight = 0.5 * air_density * settings.drag / (settings.density * areas)
     corners = np.ascontiguousarray(faces.T, np.int64)
     return Air(corners, sp.csr_matrix(share, dtype=np.float32), weight.astype(np.float32))
 

@@ -15,7 +15,7 @@ from garment_jax.simulation.engine import newton, wp
 
 @no_type_check
 @wp.func
-def _closest(mesh: wp.uint64, closed: int, x: wp.vec3, reach: float):
+def closest(mesh: wp.uint64, closed: int, x: wp.vec3, reach: float):
     if closed == 1:  # an odd number of crossings is inside, whatever the nearest face says
         return wp.mesh_query_point_sign_parity(mesh, x, reach)
     return wp.mesh_query_point_sign_normal(mesh, x, reach)
@@ -36,7 +36,7 @@ def _find_contacts(
     normal: wp.array(dtype=wp.vec3),
 ):
     i = free[wp.tid()]
-    query = _closest(mesh, closed, x[i], reach)
+    query = closest(mesh, closed, x[i], reach)
     if query.result:
         point = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
         k = wp.atomic_add(count, 0, 1)

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import h5py
 import numpy as np
@@ -24,10 +25,14 @@ from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.progress import FrameProgress
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.simulation.start import check_motion
+from garment_jax.simulation.start import ClothState, check_motion
 from garment_jax.structs import Motion, Scene
 
+if TYPE_CHECKING:
+    from garment_jax.simulation.side_by_side import SideBySide
+
 ENGINE = "newton SolverStyle3D"
+AT_ONCE = 128  # clips side by side on a GPU: one for each of its multiprocessors, about
 
 
 class Job(NamedTuple):
@@ -37,6 +42,17 @@ class Job(NamedTuple):
     split: str  # "train" or "test": the folder it goes to
     motion: Motion
     made_from: str = ""  # names of the clips that it is a variation of
+
+
+class _Task(NamedTuple):
+    """One clip with all that its screening and its file need."""
+
+    scene: Scene
+    job: Job
+    path: Path
+    settings: ClothSettings
+    limits: ScreenLimits
+    key: str
 
 
 class Outcome(NamedTuple):
@@ -57,6 +73,8 @@ def simulate_clips(
     *,
     flat: np.ndarray | None = None,
     workers: int = 1,
+    device: str = "cpu",
+    at_once: int = AT_ONCE,
     limits: ScreenLimits = ScreenLimits(),
     progress: Callable[[str], None] = print,
 ) -> list[Outcome]:
@@ -64,10 +82,12 @@ def simulate_clips(
 
     A clip that is there already, of the same content, is kept: an interrupted call goes on where it was.
     One that was simulated with other settings, in this garment and body, is made anew; no other file is
-    replaced. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. A clip
-    that fails the screening is named, with the reason, and no file is left. `progress` gets a line for every
-    clip; frames are counted on stderr. Raises `ValueError` or `OSError` before anything is simulated for
-    what could not be simulated or written, and for a file of a clip's name that must not be replaced.
+    replaced. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. On a CPU
+    each of `workers` processes simulates a clip; on another `device` `at_once` clips are simulated side by
+    side (`SideBySide`), and the processes screen and write them. A clip that fails the screening is named,
+    with the reason, and no file is left. `progress` gets a line for every clip; frames are counted on
+    stderr. Raises `ValueError` or `OSError` before anything is simulated for what could not be simulated or
+    written, and for a file of a clip's name that must not be replaced.
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
     _check_workers(workers)
@@ -89,15 +109,18 @@ def simulate_clips(
         return [outcomes[i] for i in range(len(jobs))]
     from garment_jax.simulation.newton_cloth import drape
 
+    cloths = None if device == "cpu" else _side_by_side(scene, settings, flat, at_once, device)
     progress("draping the garment from rest")
     with FrameProgress("drape") as frames:
         draped = drape(scene, settings, flat=flat, progress=frames)
     tasks = {
-        i: (scene, jobs[i], paths[i], settings, draped, flat, limits, keys[i])
+        i: _Task(scene, jobs[i], paths[i], settings, limits, keys[i])
         for i in sorted(todo, key=lambda i: -len(jobs[i].motion.root))  # the longest first: no core waits
     }
+    simulate = partial(_simulate_one, drape=draped, flat=flat)
+    running = _run(tasks, simulate, workers) if cloths is None else _run_waves(tasks, cloths, draped, workers)
     began, done, total = time.perf_counter(), 0, sum(len(jobs[i].motion.root) for i in todo)
-    for i, outcome in _run(tasks, workers):
+    for i, outcome in running:
         outcomes[i] = outcome
         done += len(jobs[i].motion.root)
         seconds = time.perf_counter() - began
@@ -112,6 +135,16 @@ def simulate_clips(
 def _check_workers(workers: int) -> None:
     if workers < 1:
         raise ValueError(f"workers={workers} must be 1 or more; take as many as there are cores to spare.")
+
+
+def _side_by_side(
+    scene: Scene, settings: ClothSettings, flat: np.ndarray | None, at_once: int, device: str
+) -> "SideBySide":
+    if at_once < 1:
+        raise ValueError(f"at_once={at_once} must be 1 or more; {AT_ONCE} fill a large GPU.")
+    from garment_jax.simulation.side_by_side import SideBySide
+
+    return SideBySide(scene, settings, flat, at_once, device)
 
 
 def _check_surface(scene: Scene) -> None:
@@ -187,23 +220,60 @@ def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.
     return digest.hexdigest()[:16]
 
 
-def _run(tasks: dict[int, tuple], workers: int) -> Iterator[tuple[int, Outcome]]:
+def _run(
+    tasks: dict[int, _Task], simulate: Callable[..., Outcome], workers: int
+) -> Iterator[tuple[int, Outcome]]:
     if min(workers, len(tasks)) == 1:
         for i, task in tasks.items():
-            yield i, _simulate_one(*task, show=True)
+            yield i, simulate(task, show=True)
         return
-    # spawned, not forked: JAX and Warp hold threads
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
-        running: dict[Future, int] = {pool.submit(_simulate_one, *task): i for i, task in tasks.items()}
+    with _pool(workers) as pool:
+        running = {pool.submit(simulate, task): i for i, task in tasks.items()}
+        yield from _finished(running)
+
+
+def _run_waves(
+    tasks: dict[int, _Task], cloths: "SideBySide", drape: ClothState, workers: int
+) -> Iterator[tuple[int, Outcome]]:
+    """Simulate as many clips at once as `cloths` holds, screen and write those before them meanwhile."""
+    order = list(tasks)
+    waves = [order[k : k + cloths.clips] for k in range(0, len(order), cloths.clips)]
+    running: dict[Future, int] = {}
+    with _pool(workers) as pool:
         try:
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    yield running.pop(future), future.result()
+            for k, wave in enumerate(waves):
+                began, motions = time.perf_counter(), [tasks[i].job.motion for i in wave]
+                with FrameProgress(
+                    f"clips {k * cloths.clips + 1} to {k * cloths.clips + len(wave)}"
+                ) as progress:
+                    simulated = cloths.simulate(motions, drape=drape, progress=progress)
+                seconds = (time.perf_counter() - began) / len(wave)
+                yield from _finished(running)  # else a slow disk would fill the memory
+                for i, V in zip(wave, simulated, strict=True):
+                    running[pool.submit(_finish, tasks[i], V, seconds, cloths.device_name)] = i
+            yield from _finished(running)
         except BaseException:
             for future in running:
                 future.cancel()
             raise
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # spawned, not forked: JAX and Warp hold threads
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
+
+
+def _finished(running: dict[Future, int]) -> Iterator[tuple[int, Outcome]]:
+    """Yield what becomes of all in `running`, and take it out, as it is done; cancel the rest if stopped."""
+    try:
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BaseException:
+        for future in running:
+            future.cancel()
+        raise
 
 
 def _end_with_parent() -> None:
@@ -219,26 +289,21 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _simulate_one(
-    scene: Scene,
-    job: Job,
-    path: Path,
-    settings: ClothSettings,
-    draped,
-    flat: np.ndarray | None,
-    limits: ScreenLimits,
-    key: str,
-    *,
-    show: bool = False,
-) -> Outcome:
+def _simulate_one(task: _Task, *, drape: ClothState, flat: np.ndarray | None, show: bool = False) -> Outcome:
     """Simulate, screen and write a clip; `show` its frames' progress, where no other process has the line."""
     from garment_jax.simulation.newton_cloth import simulate_frames
 
     began = time.perf_counter()
+    scene, job, _, settings, *_ = task
     with FrameProgress(job.name) if show else nullcontext() as progress:
-        frames = simulate_frames(scene, job.motion, settings, drape=draped, flat=flat, progress=progress)
+        frames = simulate_frames(scene, job.motion, settings, drape=drape, flat=flat, progress=progress)
         V = np.stack([np.asarray(frame, np.float32) for frame in frames])
-    seconds = time.perf_counter() - began
+    return _finish(task, V, time.perf_counter() - began, platform.machine())
+
+
+def _finish(task: _Task, V: np.ndarray, seconds: float, machine: str) -> Outcome:
+    """Screen and write a clip that was simulated in `seconds` on `machine`."""
+    scene, job, path, settings, limits, key = task
     try:
         screen = screen_clip(scene, job.motion, V)
     except ValueError as error:
@@ -256,7 +321,7 @@ def _simulate_one(
         "settings": settings.describe(),
         "content_hash": key,
         "screen": json.dumps(screen._asdict()),
-        "simulated_on": platform.machine(),
+        "simulated_on": machine,
     }
     if job.made_from:
         attributes["made_from"] = job.made_from

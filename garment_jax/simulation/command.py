@@ -29,6 +29,7 @@ DANCE_SEED = 1_005  # far from the training motions' seeds; with seed 0 it turns
 EMBEDDED_CLOTH = {"circle_skirt": ["self_collision=on"], "cape": ["self_collision=on"]}
 _LEAST = {
     "workers": 1,
+    "at_once": 1,
     "copies": 0,
     "crosses": 0,
     "frames": 1,

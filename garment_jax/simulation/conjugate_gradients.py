@@ -1,30 +1,32 @@
 """Newton's conjugate gradients in one native function: five to ten times as fast on a CPU.
 
 The engine's own solver launches seven small kernels an iteration, some 14,000 a frame, and each costs
-more Python than arithmetic. Here one call runs the same iterations on padded vectors of four floats,
-which the compiler turns into vector instructions. Sums are taken in another order: equal but for
+more Python than arithmetic. Here one call runs the same iterations: on a CPU on padded vectors of four
+floats, which the compiler turns into vector instructions; on a GPU every clip has a block of threads, which
+wait for each other at the sums and for no other clip. Sums are taken in another order: equal but for
 rounding.
 """
 
 # pyright: reportInvalidTypeForm=false, reportMissingImports=false
 
-from typing import Any, no_type_check
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 
 from garment_jax.simulation.engine import wp
 
-_SOLVE = """
+_SOLVE_CPU = """
     typedef float f4 __attribute__((vector_size(16)));
     struct block {
         f4 x, y, z;  // columns
         f4 times(f4 v) const { return x * v[0] + y * v[1] + z * v[2]; }
     };
-    const int n = solution.shape[0];
+    const int n = start.shape[0] - 1;
+    const long first = (long)clip * n;
     const int* at = start.data;
     const int* j = column.data;
     const float* a = value.data;
-    f4* x = (f4*)work.data;
+    f4* x = (f4*)work.data + 10 * first;
     f4 *r = x + n, *p = r + n, *Ap = p + n;
     block *A = (block*)(Ap + n), *M = A + n;  // diagonal blocks, and the preconditioner
     auto inner = [](f4 s) { return s[0] + s[1] + s[2]; };
@@ -35,13 +37,13 @@ _SOLVE = """
         return sum;
     };
     for (int i = 0; i < n; ++i) {
-        const auto &h = contact.data[i].data, &m = inverse.data[i].data;
+        const auto &h = contact.data[first + i].data, &m = inverse.data[first + i].data;
         const float d = diagonal.data[i];
         A[i] = {{h[0][0] + d, h[1][0], h[2][0], 0}, {h[0][1], h[1][1] + d, h[2][1], 0},
                 {h[0][2], h[1][2], h[2][2] + d, 0}};
         M[i] = {{m[0][0], m[1][0], m[2][0], 0}, {m[0][1], m[1][1], m[2][1], 0},
                 {m[0][2], m[1][2], m[2][2], 0}};
-        const auto &b = right.data[i], &s = solution.data[i];
+        const auto &b = right.data[first + i], &s = solution.data[first + i];
         r[i] = f4{b[0], b[1], b[2], 0};
         x[i] = warm ? f4{s[0], s[1], s[2], 0} : f4{0, 0, 0, 0};
     }
@@ -70,14 +72,94 @@ _SOLVE = """
         const float beta = ratio(rz, before);
         for (int i = 0; i < n; ++i) p[i] = Ap[i] + beta * p[i];
     }
-    for (int i = 0; i < n; ++i) solution.data[i] = wp::vec3(x[i][0], x[i][1], x[i][2]);
+    for (int i = 0; i < n; ++i) solution.data[first + i] = wp::vec3(x[i][0], x[i][1], x[i][2]);
 """
+_SOLVE_GPU = """
+    __shared__ float parts[32];
+    const int n = start.shape[0] - 1, width = column.shape[0] / n;
+    const int t = threadIdx.x, threads = blockDim.x;
+    const long first = (long)clip * n;
+    const int* j = column.data;
+    const float* a = value.data;
+    const wp::mat33 *H = contact.data + first, *M = inverse.data + first;
+    float4 *x = (float4*)work.data + 10 * first, *r = x + n, *p = r + n, *Ap = p + n;
+    // a vector's fourth number says whether its vertex touches the body: the others' blocks are one number
+    auto times = [](const wp::mat33& m, float4 v) {
+        return make_float4(m.data[0][0] * v.x + m.data[0][1] * v.y + m.data[0][2] * v.z,
+                           m.data[1][0] * v.x + m.data[1][1] * v.y + m.data[1][2] * v.z,
+                           m.data[2][0] * v.x + m.data[2][1] * v.y + m.data[2][2] * v.z, v.w);
+    };
+    auto scaled = [](float s, float4 v) { return make_float4(s * v.x, s * v.y, s * v.z, v.w); };
+    auto plus = [](float4 v, float s, float4 w) {
+        return make_float4(v.x + s * w.x, v.y + s * w.y, v.z + s * w.z, v.w);
+    };
+    auto dot = [](float4 v, float4 w) { return v.x * w.x + v.y * w.y + v.z * w.z; };
+    auto ratio = [](float s, float t) { return t > 1e-30f || t < -1e-30f ? s / t : 0.0f; };
+    auto multiply = [=](const float4* v, int i) {
+        const float4 own = v[i];
+        float4 sum = scaled(diagonal.data[i], own);
+        if (own.w != 0.0f) sum = plus(sum, 1.0f, times(H[i], own));
+#pragma unroll 4
+        for (int k = i; k < width * n; k += n) sum = plus(sum, a[k], v[j[k]]);
+        return sum;
+    };
+    auto conditioned = [=](float4 v, int i) {
+        const float d = diagonal.data[i];
+        return v.w != 0.0f ? times(M[i], v) : scaled(d > 0.0f ? 1.0f / d : 0.0f, v);
+    };
+    auto total = [&](float sum) {  // of all threads, in the same order always, and known to all
+        for (int d = 16; d; d >>= 1) sum += __shfl_xor_sync(0xffffffffu, sum, d);
+        __syncthreads();
+        if (t % 32 == 0) parts[t / 32] = sum;
+        __syncthreads();
+        sum = t % 32 < threads / 32 ? parts[t % 32] : 0.0f;
+        for (int d = 16; d; d >>= 1) sum += __shfl_xor_sync(0xffffffffu, sum, d);
+        return sum;
+    };
+    for (int i = t; i < n; i += threads) {
+        const auto &b = right.data[first + i], &s = solution.data[first + i];
+        const float touches = H[i].data[0][0] + H[i].data[1][1] + H[i].data[2][2];
+        r[i] = make_float4(b[0], b[1], b[2], touches);
+        x[i] = warm ? make_float4(s[0], s[1], s[2], touches) : make_float4(0.0f, 0.0f, 0.0f, 0.0f);
+    }
+    __syncthreads();
+    float sum = 0.0f;
+    for (int i = t; i < n; i += threads) {
+        if (warm) r[i] = plus(r[i], -1.0f, multiply(x, i));
+        p[i] = conditioned(r[i], i);
+        sum += dot(r[i], p[i]);
+    }
+    float rz = total(sum);
+    for (int step = 0; step < iterations; ++step) {
+        sum = 0.0f;
+        for (int i = t; i < n; i += threads) {
+            Ap[i] = multiply(p, i);
+            sum += dot(p[i], Ap[i]);
+        }
+        const float alpha = ratio(rz, total(sum)), before = rz;
+        sum = 0.0f;
+        for (int i = t; i < n; i += threads) {
+            x[i] = plus(x[i], alpha, p[i]);
+            r[i] = plus(r[i], -alpha, Ap[i]);
+            Ap[i] = conditioned(r[i], i);
+            sum += dot(r[i], Ap[i]);
+        }
+        rz = total(sum);
+        const float beta = ratio(rz, before);
+        for (int i = t; i < n; i += threads) p[i] = plus(Ap[i], beta, p[i]);
+        __syncthreads();
+    }
+    for (int i = t; i < n; i += threads) solution.data[first + i] = wp::vec3(x[i].x, x[i].y, x[i].z);
+"""
+_SOLVE = f"#ifdef __CUDA_ARCH__\n{_SOLVE_GPU}\n#else\n{_SOLVE_CPU}\n#endif\n"
 _WORK = 10  # vectors of four per vertex: x, r, p, Ap and two blocks of three columns
+_THREADS = 1024  # of a clip's block on a GPU
 
 
 @no_type_check
 @wp.func_native(_SOLVE)
 def _solve(
+    clip: int,
     iterations: int,
     warm: int,
     start: wp.array(dtype=wp.int32),
@@ -93,8 +175,9 @@ def _solve(
 
 
 @no_type_check
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, launch_bounds=_THREADS)
 def _solve_kernel(
+    threads: int,
     iterations: int,
     warm: int,
     start: wp.array(dtype=wp.int32),
@@ -107,28 +190,76 @@ def _solve_kernel(
     solution: wp.array(dtype=wp.vec3),
     work: wp.array(dtype=wp.vec4),
 ):
-    _solve(iterations, warm, start, column, value, diagonal, contact, inverse, right, solution, work)
+    clip = wp.tid() // threads
+    _solve(clip, iterations, warm, start, column, value, diagonal, contact, inverse, right, solution, work)
+
+
+class Matrix(NamedTuple):
+    """What is off the diagonal of the solver's matrix, the same for every clip of a garment."""
+
+    start: Any  # [n + 1] first entry of each row
+    column: Any  # of each entry; on a GPU `[w n]`: every row's first, every row's second, ...
+    value: Any
+
+
+def make_matrix(solver: Any, device: str = "cpu", *, padded: bool | None = None) -> Matrix:
+    """Return the matrix of a `SolverStyle3D` on the CPU for `device`; `padded`, as a GPU reads it, or not."""
+    padded = wp.get_device(device).is_cuda if padded is None else padded
+    count, entries = solver.pd_non_diags.num_nz.numpy(), solver.pd_non_diags.nz_ell.numpy()
+    used = np.arange(len(entries))[None] < count[:, None]
+    column, value = entries["column_index"].T, entries["value"].T
+    if padded:  # neighbouring threads read neighbouring numbers; what is padded is 0
+        width = max(int(count.max(initial=0)), 1)
+        column = np.where(used, column, 0)[:, :width].T.ravel()
+        value = np.where(used, value, 0.0)[:, :width].T.ravel()
+    else:
+        column, value = column[used], value[used]
+    return Matrix(
+        wp.array(np.append(0, np.cumsum(count)), dtype=wp.int32, device=device),
+        wp.array(column, dtype=wp.int32, device=device),
+        wp.array(value, dtype=wp.float32, device=device),
+    )
+
+
+def make_work(n: int, clips: int = 1, device: str = "cpu") -> Any:
+    """Return the memory that `solve` needs for `clips` clips of `n` vertices."""
+    return wp.zeros(_WORK * n * clips, dtype=wp.vec4, device=device)
+
+
+def solve(
+    matrix: Matrix,
+    diagonal: Any,
+    contact: Any,
+    inverse: Any,
+    right: Any,
+    solution: Any,
+    work: Any,
+    *,
+    iterations: int,
+    warm: bool,
+) -> None:
+    """Solve (matrix + diagonal + contact) x = right for each clip, begun from `solution` if `warm`.
+
+    `diagonal` `[n]` serves all clips; `contact` and `inverse`, the blocks of the preconditioner, `right` and
+    `solution` hold one clip after the other, `[clips n]`.
+    """
+    n, device = len(diagonal), solution.device
+    threads = _THREADS if device.is_cuda else 1
+    inputs = [threads, iterations, int(warm), *matrix, diagonal, contact, inverse, right, solution, work]
+    dim = len(solution) // n * threads
+    wp.launch(_solve_kernel, dim=dim, inputs=inputs, device=device, block_dim=threads)
 
 
 class ConjugateGradients:
     """Takes the place of `SolverStyle3D.linear_solver` (CPU only, one thread)."""
 
     def __init__(self, solver: Any) -> None:
-        self._collision = solver.collision
-        n = solver.model.particle_count
-        count, entries = solver.pd_non_diags.num_nz.numpy(), solver.pd_non_diags.nz_ell.numpy()
-        used = np.arange(len(entries))[None] < count[:, None]
-        self._matrix = [
-            wp.array(np.append(0, np.cumsum(count)), dtype=wp.int32, device="cpu"),
-            wp.array(entries["column_index"].T[used], dtype=wp.int32, device="cpu"),
-            wp.array(entries["value"].T[used], dtype=wp.float32, device="cpu"),
-        ]
-        self._work = wp.zeros(_WORK * n, dtype=wp.vec4, device="cpu")
+        self._collision, self._matrix = solver.collision, make_matrix(solver)
+        self._work = make_work(solver.model.particle_count)
 
     def solve(
         self, _matrix: Any, diagonal: Any, x0: Any, b: Any, inverse: Any, x: Any, iterations: int, _more: Any
     ) -> None:
         """Solve A x = b from `x0`, which is `x` itself or None for zero, as newton's `PcgSolver.solve`."""
-        inputs = [iterations, int(x0 is not None), *self._matrix, diagonal]
-        inputs += [self._collision.contact_hessian_diags, inverse, b, x, self._work]
-        wp.launch(_solve_kernel, dim=1, inputs=inputs, device="cpu")
+        contact, warm = self._collision.contact_hessian_diags, x0 is not None
+        solve(self._matrix, diagonal, contact, inverse, b, x, self._work, iterations=iterations, warm=warm)

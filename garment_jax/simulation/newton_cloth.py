@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_points
-from garment_jax.body.root_frame import heading
 from garment_jax.simulation.air import drag_velocities, make_air
 from garment_jax.simulation.body_contact import BodyContact
 from garment_jax.simulation.conjugate_gradients import ConjugateGradients
 from garment_jax.simulation.engine import newton, wp
 from garment_jax.simulation.rest_shape import rest_shape
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.simulation.start import ClothState, canonical_motion, start_motion, to_world
+from garment_jax.simulation.start import ClothState, begun, canonical_motion
 from garment_jax.structs import Garment, Motion, Scene
 
 Progress = Callable[[int, int], None]  # frames done, frames in all
@@ -67,11 +66,7 @@ def simulate_frames(
     between: these are simulated and counted by `progress`, not yielded. A cloth that blows up yields NaN
     from then on; the caller screens. Raises `ValueError` for a motion of another body or frame rate.
     """
-    before = start_motion(motion, scene.body, settings)
-    skip = max(settings.settle - 1, 0)  # the last settled frame is where the drape stands
-    rotations = np.concatenate([before.rotations[skip:], motion.rotations])
-    whole = Motion(rotations, np.concatenate([before.root[skip:], motion.root]), motion.fps)
-    state = to_world(drape, whole.root[0], float(heading(whole.rotations[:1, 0])[0]))
+    whole, state = begun(motion, scene.body, settings, drape)
     frames = NewtonCloth(scene, settings, flat).frames(whole, state)
     return _from(frames, len(whole.root) - len(motion.root), len(whole.root), progress)
 
@@ -91,26 +86,19 @@ class NewtonCloth:
 
     def __init__(self, scene: Scene, settings: ClothSettings, flat: np.ndarray | None = None) -> None:
         self._scene, self._settings = scene, settings
-        n = len(scene.garment.template)
         self._pins = np.zeros(0, np.int64) if scene.pins is None else scene.pins.vertices.astype(np.int64)
         with wp.ScopedDevice("cpu"):  # thousands of small launches: a GPU has nothing to gain
-            self._model = _build(scene.garment, settings, flat)
+            self._solver = make_solver(scene.garment, settings, flat)
+            self._model = self._solver.model
             flags = self._model.particle_flags.numpy()  # a view: on a CPU warp's arrays are NumPy's
             flags[self._pins] &= ~int(newton.ParticleFlags.ACTIVE)
-            self._solver = _make_solver(self._model, settings)
             self._now, self._next = self._states = (self._model.state(), self._model.state())
         self._stepped = [False, False]
         self._recordings: list[Any] = [None, None]
-        free, reach = np.setdiff1d(np.arange(n), self._pins), settings.particle_radius + settings.contact_gap
-        self._body = BodyContact(*_collider(scene), free, reach)
-        self._air = make_air(
-            scene.garment.faces,
-            self._model.tri_areas.numpy(),
-            n,
-            cloth_density=settings.density,
-            air_density=settings.air_density if settings.air else 0.0,
-            drag=settings.drag,
-        )
+        n = len(scene.garment.template)
+        free = np.setdiff1d(np.arange(n), self._pins)
+        self._body = BodyContact(*_collider(scene), free, settings.reach)
+        self._air = make_air(scene.garment.faces, self._model.tri_areas.numpy(), n, settings)
 
     def frames(self, motion: Motion, state: ClothState) -> Iterator[np.ndarray]:
         """Yield the cloth `[n, 3]` (float32, world metres) at each frame of `motion`.
@@ -210,7 +198,9 @@ def _build(garment: Garment, settings: ClothSettings, flat: np.ndarray | None) -
     return model
 
 
-def _make_solver(model: Any, settings: ClothSettings) -> Any:
+def make_solver(garment: Garment, settings: ClothSettings, flat: np.ndarray | None) -> Any:
+    """Return Newton's solver of the cloth alone, on the CPU; `flat` as in `rest_shape`."""
+    model = _build(garment, settings, flat)
     config = newton.solvers.SolverStyle3D.Config(
         iterations=settings.iterations, linear_iterations=settings.linear_iterations
     )

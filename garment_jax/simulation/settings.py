@@ -53,6 +53,11 @@ class ClothSettings:
         """Seconds of one solver step."""
         return 1.0 / (self.fps * self.substeps)
 
+    @property
+    def reach(self) -> float:
+        """Metres from the body within which contacts are looked for."""
+        return self.particle_radius + self.contact_gap
+
     def describe(self) -> str:
         """Return every setting in one line, for a file's attributes."""
         return ", ".join(f"{field.name} {_short(getattr(self, field.name))}" for field in fields(self))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.preroll import into_first_pose, smoothstep
-from garment_jax.body.root_frame import yaw_matrix
+from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Motion, RiggedBody
 
@@ -57,6 +57,20 @@ def check_motion(motion: Motion, body: RiggedBody, settings: ClothSettings, name
             f"{name} has {motion.fps:g} fps, the settings {settings.fps:g}; resample it, or simulate at its "
             f"rate (--cloth fps={motion.fps:g})."
         )
+
+
+def begun(
+    motion: Motion, body: RiggedBody, settings: ClothSettings, drape: ClothState
+) -> tuple[Motion, ClothState]:
+    """Return `motion` with the frames before it, from the last that settles on, and `drape` at its first.
+
+    As many frames before for every motion. Raises `ValueError` as `start_motion`.
+    """
+    before = start_motion(motion, body, settings)
+    skip = max(settings.settle - 1, 0)  # the last settled frame is where the drape stands
+    rotations = np.concatenate([before.rotations[skip:], motion.rotations])
+    whole = Motion(rotations, np.concatenate([before.root[skip:], motion.root]), motion.fps)
+    return whole, to_world(drape, whole.root[0], float(heading(whole.rotations[:1, 0])[0]))
 
 
 def to_world(state: ClothState, root: np.ndarray, yaw: float) -> ClothState:

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from garment_jax.simulation.air import Air, drag_velocities, make_air
+from garment_jax.simulation.settings import ClothSettings
 
 CORNERS = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0]], np.float32)  # half a square metre, normal +Y
 
 
 def one_face(cloth_density: float = 0.2) -> Air:
-    return make_air(
-        np.array([[0, 1, 2]]), np.array([0.5]), 4, cloth_density=cloth_density, air_density=1.2, drag=1.2
-    )
+    return make_air(np.array([[0, 1, 2]]), np.array([0.5]), 4, ClothSettings(density=cloth_density))
 
 
 def test_a_face_feels_half_rho_c_area_times_speed_squared():
@@ -36,7 +35,7 @@ def test_a_folded_sheet_loses_what_its_faces_feel():
     a, b, c = x.astype(np.float64)[faces].transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1) / 2
-    air = make_air(faces, area, 5, cloth_density=0.3, air_density=1.2, drag=1.2)
+    air = make_air(faces, area, 5, ClothSettings(density=0.3))
     w = (v[faces].mean(axis=1) * normal).sum(axis=1) / (2 * area)
     impulse = 1e-4 * -0.72 * (area * np.abs(w) * w)[:, None] * normal / (2 * area)[:, None]
     mass = np.zeros(5)
