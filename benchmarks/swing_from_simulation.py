@@ -6,7 +6,7 @@ Motions are made out of CLIPs' (the training clips but those kept back: cloth is
 simulate --vary` makes them, eight kinds by turns; `--clips` of them at most, in waves of `--at-once`, for
 `--simulate` seconds. Clips whose cloth bunched or was stretched are left out (`screening.py`'s limits;
 penetration and self-intersections are not looked at). Of the others a ring's frames and cells are kept, with
-their mirror images, and the stage's own step is taken on them for `--train` seconds. MODEL gives everything
+their mirror images, and the stage's own step is taken on them, `swing.steps` windows. MODEL gives everything
 else. With `--keep FOLDER` the first clips are written there, to look at. Needs the extra `sim`.
 """
 
@@ -15,6 +15,7 @@ import json
 import multiprocessing
 import os
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,7 @@ from garment_jax.structs import Motion, Scene
 from garment_jax.swing.motion import SwingFrame, swing_frames
 from garment_jax.swing.tables import SwingTables, make_swing_tables
 
+BEGAN = time.perf_counter()
 WIDE = Variation(tempo=(0.65, 1.45), legs=(0.75, 1.35))
 KINDS = (  # (clips that the motion is made of, variation)
     (3, WIDE._replace(turn=(-100, 100), spins=(0, 0.7))),
@@ -72,6 +74,11 @@ class Packed(NamedTuple):
 
 _known: Sources
 _tables: SwingTables
+
+
+def say(text: str) -> None:
+    """Print a line with the seconds since the beginning."""
+    print(f"{time.perf_counter() - BEGAN:.0f} s: {text}", flush=True)
 
 
 def _begin(sources: Sources) -> None:
@@ -153,7 +160,7 @@ def simulated(sources: Sources, options: argparse.Namespace) -> tuple[list[Packe
             if options.keep and not done:
                 _write(sources.scene, wave, V, options.keep)
             done, frames = done + len(wave), frames + sum(map(len, V))
-            print(f"{done} clips, {frames} frames, {seconds:.0f} s of the simulation", flush=True)
+            say(f"{done} clips, {frames} frames, {seconds:.0f} s of the simulation")
         for future in motions[done:]:
             future.cancel()
         for future in packing:
@@ -168,7 +175,7 @@ def simulated(sources: Sources, options: argparse.Namespace) -> tuple[list[Packe
         "at_once": options.at_once,
         "device": cloths.device_name,
     }
-    print(facts, flush=True)
+    say(str(facts))
     return kept, facts
 
 
@@ -179,8 +186,8 @@ def _write(scene: Scene, motions: list[Motion], cloths: list[np.ndarray], folder
             writer.append(V)
 
 
-def trained(clips: list[Packed], sources: Sources, options: argparse.Namespace) -> tuple[dict, dict]:
-    """Return the ring's parameters after `--train` seconds, and what was done."""
+def train(clips: list[Packed], sources: Sources, save: Callable[[dict, int], None]) -> None:
+    """Train a ring on the clips, `swing.steps` windows; `save` takes its parameters twenty times."""
     import jax
     import jax.numpy as jnp
 
@@ -206,52 +213,37 @@ def trained(clips: list[Packed], sources: Sources, options: argparse.Namespace) 
         cut = SwingFrame(*(leaf[which] for leaf in frames))
         return SwingBatch(cut, X[which], fresh, start, fresh & ~begins)
 
-    def windows(steps: int) -> list:
-        schedule = make_schedule(
-            lengths,
-            lanes=config.lanes,
-            window=config.window,
-            steps=steps,
-            seed=sources.seed + 40,
-            from_first=config.from_first,
-            true_starts=1.0,
-            lane_windows=config.lane_windows,
+    schedule = make_schedule(
+        lengths,
+        lanes=config.lanes,
+        window=config.window,
+        steps=config.steps,
+        seed=sources.seed + 40,
+        from_first=config.from_first,
+        true_starts=1.0,
+        lane_windows=config.lane_windows,
+    )
+    say(f"{len(X)} frames with mirror images are on the device")
+    optimiser = make_optimiser(
+        TrainingConfig(),
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        steps=config.steps,
+    )
+    params = init_swing(jax.random.key(sources.seed), config=config)
+    carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
+    state = TrainState(params, optimiser.init(params), jax.random.key(1), jnp.int32(0), carry)
+    step, show, rmse = make_swing_train_step(tables, config, optimiser), max(config.steps // 20, 1), []
+    began = time.perf_counter()
+    for k, w in enumerate(schedule, start=1):
+        state, metrics = step(
+            state, batch(*map(jnp.asarray, (first[w.clip] + w.start, w.start == 0, w.fresh)))
         )
-        return [(first[w.clip] + w.start, w.start == 0, w.fresh) for w in schedule]
-
-    def begun(steps: int):
-        optimiser = make_optimiser(
-            TrainingConfig(),
-            learning_rate=config.learning_rate,
-            weight_decay=config.weight_decay,
-            steps=steps,
-        )
-        params = init_swing(jax.random.key(sources.seed), config=config)
-        carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
-        state = TrainState(params, optimiser.init(params), jax.random.key(1), jnp.int32(0), carry)
-        return state, make_swing_train_step(tables, config, optimiser)
-
-    def run(steps: int, show: int) -> tuple[dict, float]:
-        state, step = begun(steps)
-        plan, began, sums = windows(steps), time.perf_counter(), []
-        for k, window in enumerate(plan):
-            state, metrics = step(state, batch(*map(jnp.asarray, window)))
-            sums.append(metrics["rmse_cm"])
-            if k == 1:
-                jax.block_until_ready(state)
-                began = time.perf_counter()
-            if (k + 1) % show == 0:
-                rmse = float(jnp.stack(sums[-show:]).mean())
-                print(
-                    f"{k + 1}/{steps} windows, {rmse:.3f} cm, {time.perf_counter() - began:.0f} s", flush=True
-                )
-        jax.block_until_ready(state)
-        return state.params, (time.perf_counter() - began) / max(steps - 2, 1)
-
-    _, seconds = run(30, 30)
-    steps = int(min(options.train / seconds, options.windows))
-    params, seconds = run(steps, max(steps // 20, 1))
-    return params, {"windows": steps, "seconds_a_window": seconds, "lanes": config.lanes}
+        rmse.append(metrics["rmse_cm"])
+        if k % show == 0 or k == config.steps:
+            done = float(jnp.stack(rmse[-show:]).mean())
+            say(f"{k}/{config.steps} windows, {done:.3f} cm, {time.perf_counter() - began:.0f} s")
+            save(jax.device_get(state.params), k)  # a machine that is lent may be gone before the end
 
 
 def main() -> None:
@@ -267,8 +259,6 @@ def main() -> None:
     parser.add_argument("--longest", type=int, default=350)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--simulate", type=float, default=np.inf, help="seconds")
-    parser.add_argument("--train", type=float, default=np.inf, help="seconds")
-    parser.add_argument("--windows", type=int, default=6200, help="at most")
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="of [swing]")
     parser.add_argument("--seed", type=int, default=811)
     parser.add_argument("--keep", type=Path)
@@ -289,11 +279,16 @@ def main() -> None:
     assert scene is not None
     sources = Sources(scene, motions, config.swing, options.seed, options.longest)
     clips, facts = simulated(sources, options)
-    params, more = trained(clips, sources, options)
-    config = replace(config, swing=replace(config.swing, steps=more["windows"]))
-    model = model._replace(config=config, params={**model.params, "swing": params}, seen=seen_body(scene))
-    save_model(model, options.out)
-    print(json.dumps(machine() | facts | more))
+
+    def save(params: dict, windows: int) -> None:
+        now = replace(config, swing=replace(config.swing, steps=windows))
+        save_model(
+            model._replace(config=now, params={**model.params, "swing": params}, seen=seen_body(scene)),
+            options.out,
+        )
+
+    train(clips, sources, save)
+    say(json.dumps(machine() | facts | {"windows": config.swing.steps, "lanes": config.swing.lanes}))
 
 
 if __name__ == "__main__":

@@ -142,7 +142,7 @@ def run(options: argparse.Namespace) -> None:
         flat=flat,
         workers=options.workers,
         device=options.device,
-        at_once=options.at_once or min(AT_ONCE, len(jobs)),
+        at_once=AT_ONCE if options.at_once is None else options.at_once,
         progress=show,
     )
     kept = [outcome for outcome in outcomes if outcome.path is not None]

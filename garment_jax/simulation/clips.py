@@ -91,6 +91,7 @@ def simulate_clips(
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
     _check_workers(workers)
+    _check_at_once(at_once)
     _check_surface(scene)
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
@@ -109,7 +110,9 @@ def simulate_clips(
         return [outcomes[i] for i in range(len(jobs))]
     from garment_jax.simulation.newton_cloth import drape
 
-    cloths = None if device == "cpu" else _side_by_side(scene, settings, flat, at_once, device)
+    cloths = (
+        None if device == "cpu" else _side_by_side(scene, settings, flat, min(at_once, len(todo)), device)
+    )
     progress("draping the garment from rest")
     with FrameProgress("drape") as frames:
         draped = drape(scene, settings, flat=flat, progress=frames)
@@ -137,11 +140,14 @@ def _check_workers(workers: int) -> None:
         raise ValueError(f"workers={workers} must be 1 or more; take as many as there are cores to spare.")
 
 
+def _check_at_once(at_once: int) -> None:
+    if at_once < 1:
+        raise ValueError(f"at_once={at_once} must be 1 or more; {AT_ONCE} fill a large GPU.")
+
+
 def _side_by_side(
     scene: Scene, settings: ClothSettings, flat: np.ndarray | None, at_once: int, device: str
 ) -> "SideBySide":
-    if at_once < 1:
-        raise ValueError(f"at_once={at_once} must be 1 or more; {AT_ONCE} fill a large GPU.")
     from garment_jax.simulation.side_by_side import SideBySide
 
     return SideBySide(scene, settings, flat, at_once, device)
