@@ -46,7 +46,7 @@ class Contacts(NamedTuple):
 @apart
 def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 s g"]:
     """Return the vertices of the groups, the groups last."""
-    return coordinates_of(jnp.asarray(tables.groups).T, local.reshape(-1))
+    return coordinates_of(tables.groups.T, local.reshape(-1))
 
 
 @apart
@@ -134,7 +134,7 @@ def _movement(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]
 
 @apart
 def _steps_of(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]) -> Float[Array, "3 k b"]:
-    return coordinates_of(jnp.asarray(points).T, steps.reshape(-1))
+    return coordinates_of(points.T, steps.reshape(-1))
 
 
 @apart
@@ -173,7 +173,7 @@ def find_contacts(
 def _grouped(limit: Float[Array, " n"], distance, tables: CollisionTables) -> Float[Array, "s g"]:
     """Return how far each vertex of the groups searches, below 0 if it is not asked."""
     bound = jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0)
-    return materialised(bound)[jnp.asarray(tables.groups).T]
+    return materialised(bound)[jnp.asarray(tables.groups.T)]
 
 
 @apart

@@ -42,7 +42,7 @@ class Region(NamedTuple):
 @apart
 def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array) -> Bool[Array, " n"]:
     """Return the vertices within `rings` edges of the marked ones."""
-    index = jnp.asarray(tables.index).T
+    index = jnp.asarray(tables.index.T)  # of constants XLA would do it anew in every ring
 
     def ring(_, marks: Array) -> Array:  # integers: a CPU gathers eight of them at a time, but no bits
         if len(index) > UNROLLED:

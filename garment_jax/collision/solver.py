@@ -221,7 +221,7 @@ def _outside(state: CollisionState, first: Contacts, at: Contacts, free, tables)
 
 @apart
 def _groups_with(marks: Bool[Array, " n"], tables) -> Bool[Array, " g"]:
-    return materialised(marks)[jnp.asarray(tables.groups).T].any(axis=0)
+    return materialised(marks)[jnp.asarray(tables.groups.T)].any(axis=0)
 
 
 @apart

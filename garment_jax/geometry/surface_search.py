@@ -66,7 +66,7 @@ def _centred(vertices: Float[Array, "c 3"]) -> tuple[Array, Array]:
 @apart
 def _leaves(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "3 u l"]:
     """Return the vertices of the leaves, leaves last: what XLA runs eight at a time."""
-    return coordinates_of(jnp.asarray(tables.corners).T, flat)
+    return coordinates_of(tables.corners.T, flat)
 
 
 @apart
@@ -80,15 +80,15 @@ def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Ar
 
 @apart
 def _corner_rows(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "l k"]:
-    named = jnp.asarray(tables.faces).reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
-    named = named + len(flat) // 3 * jnp.arange(3, dtype=jnp.int32)[None, :, None]
+    named = tables.faces.reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
+    named = named + _firsts(flat).reshape(1, 3, 1)
     return _gathered(flat, named.reshape(len(named), -1))
 
 
 @apart
 def _normals(spread: Int[Array | np.ndarray, "3 k"], flat: Float[Array, " c3"]) -> Float[Array, "3 k"]:
     """Return the unit normals of the triangles of these vertices; 0 where they are on a line."""
-    at = coordinates_of(jnp.asarray(spread), flat)
+    at = coordinates_of(spread, flat)
     n = jnp.stack(cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]))
     length = jnp.sqrt(squared_length(n))
     return n / jnp.where(length > 0, length, 1.0)[None]
@@ -206,14 +206,22 @@ def _noted(key, where, found, its, target, valid) -> tuple[Array, Array]:
     return key, where.at[jnp.where(won, target, len(key))].set(its, mode="drop")
 
 
-def coordinates_of(rows: Int[Array, "*k"], flat: Float[Array, " c3"]) -> Array:
-    """Return the coordinates `[3, *k]` of these vertices, of all coordinates one after the other."""
-    first = len(flat) // 3 * jnp.arange(3, dtype=jnp.int32).reshape(3, *(1 for _ in rows.shape))
-    return _gathered(flat, rows[None] + first)
+def coordinates_of(rows: Int[Array | np.ndarray, "*k"], flat: Float[Array, " c3"]) -> Array:
+    """Return the coordinates `[3, *k]` of these vertices, of all coordinates one after the other.
+
+    Where tables name them, give those as they are, in NumPy: XLA computes what is made of a constant, a
+    transpose, a sum, anew for every number gathered.
+    """
+    return _gathered(flat, rows[None] + _firsts(flat).reshape(3, *(1 for _ in rows.shape)))
 
 
-def _gathered(flat: Array, places: Array) -> Array:
-    return flat.at[places].get(mode="promise_in_bounds", wrap_negative_indices=False)
+def _firsts(flat: Array) -> np.ndarray:
+    """Return where each coordinate's numbers begin in `flat`."""
+    return np.int32(len(flat) // 3) * np.arange(3, dtype=np.int32)
+
+
+def _gathered(flat: Array, places: Array | np.ndarray) -> Array:
+    return flat.at[jnp.asarray(places)].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _key(squared: Array, slots: Array | int) -> Array:
