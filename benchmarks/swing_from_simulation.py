@@ -84,7 +84,6 @@ def say(text: str) -> None:
 def _begin(sources: Sources) -> None:
     """Set a worker up; it must not take any of the GPU."""
     global _known, _tables
-    os.environ["JAX_PLATFORMS"] = "cpu"
     os.environ["CUDA_VISIBLE_DEVICES"] = ""
     _known, _tables = sources, make_swing_tables(sources.scene, config=sources.config)
 
@@ -182,7 +181,9 @@ def simulated(sources: Sources, options: argparse.Namespace) -> tuple[list[Packe
 def _write(scene: Scene, motions: list[Motion], cloths: list[np.ndarray], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for k, (motion, V) in enumerate(zip(motions[: len(KINDS)], cloths, strict=False)):
-        with SequenceWriter(folder / f"made_{k}.h5", scene, motion, encoding="int16") as writer:
+        if not np.isfinite(V).all():
+            continue
+        with SequenceWriter(folder / f"made_{k}.h5", scene, motion, encoding="float32") as writer:
             writer.append(V)
 
 

@@ -78,7 +78,7 @@ def add(commands) -> None:
     parser.add_argument("--motion-up", choices=("Y", "Z"), help="up axis of the motions' files")
     parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
-    parser.add_argument("--workers", type=int, default=1, help="clips simulated at once (default 1)")
+    parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
     parser.add_argument(
         "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
     )

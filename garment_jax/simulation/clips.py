@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import platform
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -110,9 +111,8 @@ def simulate_clips(
         return [outcomes[i] for i in range(len(jobs))]
     from garment_jax.simulation.newton_cloth import drape
 
-    cloths = (
-        None if device == "cpu" else _side_by_side(scene, settings, flat, min(at_once, len(todo)), device)
-    )
+    waves = -(-len(todo) // at_once)  # of equal sizes, nearly: a place that is not filled takes as long
+    cloths = None if device == "cpu" else _side_by_side(scene, settings, flat, -(-len(todo) // waves), device)
     progress("draping the garment from rest")
     with FrameProgress("drape") as frames:
         draped = drape(scene, settings, flat=flat, progress=frames)
@@ -150,7 +150,12 @@ def _side_by_side(
 ) -> "SideBySide":
     from garment_jax.simulation.side_by_side import SideBySide
 
-    return SideBySide(scene, settings, flat, at_once, device)
+    try:
+        return SideBySide(scene, settings, flat, at_once, device)
+    except RuntimeError as error:
+        raise ValueError(
+            f"{at_once} clips at once do not fit on {device} ({error}); give a smaller --at-once."
+        ) from error
 
 
 def _check_surface(scene: Scene) -> None:
@@ -233,7 +238,7 @@ def _run(
         for i, task in tasks.items():
             yield i, simulate(task, show=True)
         return
-    with _pool(workers) as pool:
+    with _pool(workers, _end_with_parent) as pool:
         running = {pool.submit(simulate, task): i for i, task in tasks.items()}
         yield from _finished(running)
 
@@ -245,7 +250,7 @@ def _run_waves(
     order = list(tasks)
     waves = [order[k : k + cloths.clips] for k in range(0, len(order), cloths.clips)]
     running: dict[Future, int] = {}
-    with _pool(workers) as pool:
+    with _pool(workers, _finish_first) as pool:
         try:
             for k, wave in enumerate(waves):
                 began, motions = time.perf_counter(), [tasks[i].job.motion for i in wave]
@@ -257,6 +262,7 @@ def _run_waves(
                 yield from _finished(running)  # else a slow disk would fill the memory
                 for i, V in zip(wave, simulated, strict=True):
                     running[pool.submit(_finish, tasks[i], V, seconds, cloths.device_name)] = i
+                del simulated, V  # gigabytes, beside the next wave's
             yield from _finished(running)
         except BaseException:
             for future in running:
@@ -264,10 +270,16 @@ def _run_waves(
             raise
 
 
-def _pool(workers: int) -> ProcessPoolExecutor:
+def _pool(workers: int, initializer: Callable[[], None]) -> ProcessPoolExecutor:
     # spawned, not forked: JAX and Warp hold threads
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=initializer)
+
+
+def _finish_first() -> None:
+    """Let a clip that is being written come to its end on Ctrl-C, seconds; the parent stops the rest."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with_parent()
 
 
 def _finished(running: dict[Future, int]) -> Iterator[tuple[int, Outcome]]:

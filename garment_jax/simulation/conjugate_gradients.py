@@ -202,7 +202,7 @@ class Matrix(NamedTuple):
     value: Any
 
 
-def make_matrix(solver: Any, device: str = "cpu", *, padded: bool | None = None) -> Matrix:
+def make_matrix(solver: Any, device: Any = "cpu", *, padded: bool | None = None) -> Matrix:
     """Return the matrix of a `SolverStyle3D` on the CPU for `device`; `padded`, as a GPU reads it, or not."""
     padded = wp.get_device(device).is_cuda if padded is None else padded
     count, entries = solver.pd_non_diags.num_nz.numpy(), solver.pd_non_diags.nz_ell.numpy()
@@ -221,7 +221,7 @@ def make_matrix(solver: Any, device: str = "cpu", *, padded: bool | None = None)
     )
 
 
-def make_work(n: int, clips: int = 1, device: str = "cpu") -> Any:
+def make_work(n: int, clips: int = 1, device: Any = "cpu") -> Any:
     """Return the memory that `solve` needs for `clips` clips of `n` vertices."""
     return wp.zeros(_WORK * n * clips, dtype=wp.vec4, device=device)
 

@@ -31,8 +31,7 @@ try:
     with _no_stderr():
         wp.init()
     import newton
-    from newton._src.solvers.style3d.collision.kernels import eval_body_contact_kernel
 except ImportError as error:
     raise ValueError("the simulation needs newton, which is missing: pip install -e '.[sim]'.") from error
 
-__all__ = ["eval_body_contact_kernel", "newton", "wp"]
+__all__ = ["newton", "wp"]

@@ -4,7 +4,7 @@ The same cloth as `newton_cloth`, the same steps in the same order: Newton's Sty
 operations a vertex, a face or an edge, and conjugate gradients, some 2,000 iterations a frame. One clip is
 far too little for a GPU, which would wait between one small launch and the next; of many clips each
 launch does one operation for all, and a block of threads solves each clip's equations. All of a
-substep is recorded once and replayed. Without self-collision. Import this module only where something is
+frame is recorded once and replayed. Without self-collision. Import this module only where something is
 simulated: it loads newton and warp, and raises `ValueError` without them.
 """
 
@@ -17,16 +17,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from garment_jax.body.carried import carried_points
-from garment_jax.body.kinematics import joint_positions
+from garment_jax.body.kinematics import collider_points, joint_positions
 from garment_jax.simulation import side_by_side_kernels as kernels
 from garment_jax.simulation.air import make_air
 from garment_jax.simulation.body_contact import is_closed
 from garment_jax.simulation.conjugate_gradients import make_matrix, make_work, solve
-from garment_jax.simulation.engine import eval_body_contact_kernel, wp
+from garment_jax.simulation.engine import wp
 from garment_jax.simulation.newton_cloth import Progress, make_solver
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, begun
 from garment_jax.structs import Collider, Motion, Scene
+
+try:  # not public
+    from newton._src.solvers.style3d.collision.kernels import eval_body_contact_kernel
+except ImportError as error:
+    raise ValueError("--device needs newton 1.8: pip install 'newton>=1.8,<1.9'.") from error
 
 KEPT = 0.998  # of each velocity at a substep, as in Newton's solver
 _APART = 3.0  # times the body's radius about its root, from one clip's body to the next's
@@ -73,7 +78,7 @@ class SideBySide:
         self._pins, self._free = self._array(pins, wp.int32), self._array(free, wp.int32)
         self._cloth, self._matrix = (
             self._tables(scene.garment.faces, pins, solver),
-            make_matrix(solver, device),
+            make_matrix(solver, self._device),
         )
         self._joint, self._arm, self._weight = self._influences()
         self._cell = self._array(self._cells(), wp.vec3)
@@ -88,9 +93,9 @@ class SideBySide:
         self._local = self._zeros((2, clips, len(self._joint)), wp.vec3)
         points = clips * (len(self._joint) - len(pins))
         self._surface, self._velocity = (self._zeros(points, wp.vec3) for _ in range(2))
-        self._work = make_work(self._n, clips, device)
+        self._work = make_work(self._n, clips, self._device)
         self._touching = self._contact_inputs(solver, free)
-        self._mesh: Any = None  # of all bodies, with the tree over them; made when they stand somewhere
+        self._mesh = self._bodies()
         self._recording: Any = None  # of a frame's launches, on a GPU
 
     @property
@@ -213,7 +218,6 @@ class SideBySide:
         self._v.assign(np.stack([state.velocities for state in states]))
         self._pose(0, poses)
         self._move(0.0)
-        self._mesh = self._mesh or self._bodies()
         yield self._x.numpy()
         for frame in range(total - 1):
             self._pose(frame, poses)
@@ -244,7 +248,14 @@ class SideBySide:
         )
 
     def _bodies(self) -> Any:
-        """Return all bodies as they stand, one mesh: one tree that is refitted in one go."""
+        """Return all bodies, one mesh: one tree that is refitted in one go.
+
+        It is made of the canonical pose: the same whatever is simulated first.
+        """
+        body, collider = self._scene.body, self._scene.collider
+        assert collider is not None
+        points = collider_points(collider, body.vertices.astype(np.float64)) - body.joints[0]
+        self._surface.assign((points + self._cells()[:, None]).reshape(-1, 3).astype(np.float32))
         faces = self._faces.astype(np.int64)
         first = len(self._surface) // self.clips * np.arange(self.clips)
         corners = self._array((faces + first[:, None, None]).ravel(), wp.int32)
@@ -273,7 +284,16 @@ class SideBySide:
         settings, cloth, dt, n = self._settings, self._cloth, self._settings.substep, self._n
         faces = len(cloth.faces)
         closed = int(is_closed(self._faces))
-        where = part, self._root, self._mesh.id, closed, settings.reach, self._free, self._cell
+        where = (
+            part,
+            self._root,
+            self._mesh.id,
+            len(self._faces),
+            closed,
+            settings.reach,
+            self._free,
+            self._cell,
+        )
         if len(self._free):
             found = self._at, self._speed, self._normal
             self._launch(kernels.find_contacts, len(self._free), *where, self._x, *found)

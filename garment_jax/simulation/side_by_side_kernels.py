@@ -31,12 +31,13 @@ def pose(
     clip, q = wp.tid()
     if q == 0:
         for later in range(2):
-            root[later, clip] = path[frame + later, clip]
+            root[later, clip] = path[wp.min(frame + later, path.shape[0] - 1), clip]
     for later in range(2):
+        t = wp.min(frame + later, path.shape[0] - 1)
         at = wp.vec3(0.0)
         for k in range(joint.shape[1]):
             j = joint[q, k]
-            at += rotation[frame + later, clip, j] * arm[q, k] + weight[q, k] * bone[frame + later, clip, j]
+            at += rotation[t, clip, j] * arm[q, k] + weight[q, k] * bone[t, clip, j]
         local[later, clip, q] = at
 
 
@@ -75,6 +76,7 @@ def find_contacts(
     part: float,
     root: wp.array2d(dtype=wp.vec3),
     mesh: wp.uint64,
+    faces: int,
     closed: int,
     reach: float,
     free: wp.array(dtype=wp.int32),
@@ -94,7 +96,7 @@ def find_contacts(
     velocity[clip, k] = wp.vec3(0.0)
     if wp.isfinite(at):  # a search with NaN would visit every body
         query = closest(mesh, closed, at - to_world, reach)
-        if query.result:
+        if query.result and query.face // faces == clip:  # not another's, for cloth that left its own
             point = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
             position[clip, k] = point + to_world
             velocity[clip, k] = wp.mesh_eval_velocity(mesh, query.face, query.u, query.v)
