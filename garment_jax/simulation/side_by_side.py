@@ -69,6 +69,7 @@ class SideBySide:
             raise ValueError("self_collision=on is simulated on a CPU alone; leave --device out.")
         surface = _surface(scene)
         self._scene, self._faces = scene._replace(collider=surface), surface.faces
+        self._closed = int(is_closed(surface.faces))
         self._settings, self.clips = settings, clips
         self._device, self._n = _device(device), len(scene.garment.template)
         with wp.ScopedDevice("cpu"):
@@ -76,10 +77,8 @@ class SideBySide:
         pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices.astype(np.int32)
         free = np.setdiff1d(np.arange(self._n), pins).astype(np.int32)
         self._pins, self._free = self._array(pins, wp.int32), self._array(free, wp.int32)
-        self._cloth, self._matrix = (
-            self._tables(scene.garment.faces, pins, solver),
-            make_matrix(solver, self._device),
-        )
+        self._cloth = self._tables(scene.garment.faces, pins, solver)
+        self._matrix = make_matrix(solver, self._device)
         self._joint, self._arm, self._weight = self._influences()
         self._cell = self._array(self._cells(), wp.vec3)
         f, k = len(scene.garment.faces), len(free)
@@ -283,13 +282,12 @@ class SideBySide:
     def _substep(self, part: float) -> None:
         settings, cloth, dt, n = self._settings, self._cloth, self._settings.substep, self._n
         faces = len(cloth.faces)
-        closed = int(is_closed(self._faces))
         where = (
             part,
             self._root,
             self._mesh.id,
             len(self._faces),
-            closed,
+            self._closed,
             settings.reach,
             self._free,
             self._cell,
