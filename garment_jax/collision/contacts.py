@@ -19,6 +19,7 @@ from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.closest_point import signed_on
 from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
 from garment_jax.geometry.surface_search import (
+    SLACK,
     PosedSurface,
     branch_gap_squared,
     branches_within,
@@ -31,6 +32,7 @@ from garment_jax.geometry.triangle import dot, squared_length
 
 Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
 ANSWERS = 128  # vertices whose correspondence is made at a time
+BRANCHES = 64  # of the surface that are compared with all groups at a time
 
 
 class Contacts(NamedTuple):
@@ -69,12 +71,41 @@ def crossing_limit(
     be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
     between its planes, both drawn along that movement. So what slides along the body is not searched.
     """
-    body = collider_of(surface) - state.collider
-    ours, its = _movement(moved, tables.groups), _movement(body, tables.surface.branches)
-    limit = _group_limit(
-        _middle_and_half(*boxes), _middle_and_half(surface.low, surface.high), ours, its, surface
-    )
-    return of_group(limit, tables)
+    body = _flat(collider_of(surface) - state.collider)
+    ours, groups = _movement(_flat(moved), tables.groups.T), _middle_and_half(*boxes)
+    words, up_to = _marked(_met(boxes, moved, body, surface))
+    rows = jnp.asarray(tables.surface.branches)
+
+    def some(state):
+        at, limit = state
+        which, _ = _some(at, BRANCHES, words, up_to, len(rows))
+        low, high, slab, points = _branches(which, rows, surface)
+        found = _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab)
+        return at + BRANCHES, jnp.maximum(limit, found)
+
+    start = jnp.int32(0), jnp.zeros_like(ours[1])
+    return of_group(jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1], tables)
+
+
+@apart
+def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
+    return planes.reshape(-1)
+
+
+@apart
+def _met(boxes: Boxes, moved: Float[Array, "3 n"], body: Float[Array, " c3"], surface) -> Bool[Array, " b"]:
+    """Return the branches that some group may have met: within the box of all, drawn along all movement."""
+    body = body.reshape(3, -1)
+    back = jnp.maximum(moved.max(axis=1) - body.min(axis=1), 0.0) + SLACK
+    ahead = jnp.maximum(body.max(axis=1) - moved.min(axis=1), 0.0) + SLACK
+    low, high = boxes[0].min(axis=1) - back, boxes[1].max(axis=1) + ahead
+    return ((low[:, None] <= surface.high) & (high[:, None] >= surface.low)).all(axis=0)
+
+
+@apart
+def _branches(which: Int[Array, " k"], rows: Int[Array, "b w"], surface) -> tuple[Array, ...]:
+    """Return the boxes `[3, k]`, the slabs `[5, k]` and the vertices `[w, k]` of some branches."""
+    return surface.low[:, which], surface.high[:, which], surface.branch_slab[:, which], rows[which].T
 
 
 def collider_of(surface: PosedSurface) -> Float[Array, "3 c"]:
@@ -88,8 +119,8 @@ def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Box
 
 
 @apart
-def _group_limit(group: Boxes, branch, ours, its, surface: PosedSurface) -> Float[Array, " g"]:
-    """Return `crossing_limit` of every group: of `boxes` and of what moved how (`_movement`)."""
+def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"]) -> Float[Array, " g"]:
+    """Return `crossing_limit` of every group past some branches, of boxes and movements (`_movement`)."""
     (middle, half), (centre, extent), (step, reach), (branch_step, branch_reach) = group, branch, ours, its
     way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
     spare = reach[None] + branch_reach[:, None]
@@ -97,9 +128,9 @@ def _group_limit(group: Boxes, branch, ours, its, surface: PosedSurface) -> Floa
     def meet(apart, sizes, along) -> Array:  # [-size, size] with one end drawn along, and spare at both
         return jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
 
-    n = surface.branch_slab[:3, :, None]
-    sizes = dot(jnp.abs(n), half[:, None]) + surface.branch_slab[4][:, None]
-    crossed = meet(dot(n, middle[:, None]) - surface.branch_slab[3][:, None], sizes, dot(n, way))
+    n = slab[:3, :, None]
+    sizes = dot(jnp.abs(n), half[:, None]) + slab[4][:, None]
+    crossed = meet(dot(n, middle[:, None]) - slab[3][:, None], sizes, dot(n, way))
     for x in range(3):
         sizes = half[x][None] + extent[x][:, None]
         crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
@@ -125,16 +156,16 @@ def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
 
 
 @apart
-def _movement(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]) -> tuple[Array, Array]:
+def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> tuple[Array, Array]:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
-    steps = _steps_of(steps, points)
+    steps = _steps_of(flat, points)
     mean = _mean(steps)
     return mean, jnp.sqrt(squared_length(steps - mean[:, None]).max(axis=0))
 
 
 @apart
-def _steps_of(steps: Float[Array, "3 n"], points: Int[Array | np.ndarray, "b k"]) -> Float[Array, "3 k b"]:
-    return coordinates_of(points.T, steps.reshape(-1))
+def _steps_of(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> Float[Array, "3 k b"]:
+    return coordinates_of(points, flat)
 
 
 @apart
@@ -250,7 +281,7 @@ def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts
 
     def one(state):
         at, made = state
-        return at + ANSWERS, chunk(*_some(at, words, up_to, len(wanted)), made)
+        return at + ANSWERS, chunk(*_some(at, ANSWERS, words, up_to, len(wanted)), made)
 
     return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), contacts))[1]
 
@@ -262,9 +293,9 @@ def _marked(wanted: Bool[Array, " n"]) -> tuple[Array, Array]:
 
 
 @apart
-def _some(at, words, up_to, n: int) -> tuple[Array, Array]:
-    """Return the vertices marked from the number `at` on, and where to write them: nowhere, at n."""
-    word, bit, valid = select(at, ANSWERS, words, up_to)
+def _some(at, many: int, words, up_to, n: int) -> tuple[Array, Array]:
+    """Return `many` of `n` places marked from the number `at` on, and where to write them: nowhere, at n."""
+    word, bit, valid = select(at, many, words, up_to)
     to = jnp.where(valid, word * WORD + bit, n)
     return jnp.minimum(to, n - 1), to
 

@@ -50,12 +50,17 @@ def again(V, body, at, limit):
     return find_again(V.T - surface.origin[:, None], at, limit, surface, made)
 
 
+@pytest.mark.parametrize("farther", [0.0, 0.6])  # so far that no box of cloth and ball met before
 @pytest.mark.parametrize("seed", range(8))
-def test_whatever_came_in_is_within_its_limit(seed: int):
+def test_whatever_came_in_is_within_its_limit(seed: int, farther: float):
     made, V, ball = over_a_ball()
     rng = np.random.default_rng(seed)
     before = V + np.array([0.0, rng.uniform(0.05, 0.15), 0.0])
-    ways = rng.normal(scale=0.05, size=(2, 3)) + [[0.0, -0.1, 0.0], [0.0, 0.05, 0.0]]
+    before[:, 1] += farther
+    ways = rng.normal(scale=0.05, size=(2, 3)) + [
+        [0.0, -0.1 - farther / 2, 0.0],
+        [0.0, 0.05 + farther / 2, 0.0],
+    ]
     after, there = before + ways[0] + rng.normal(scale=1e-3, size=V.shape), ball + ways[1]
     came_in = np.linalg.norm(before, axis=1) > RADIUS
     depth = RADIUS - np.linalg.norm(after - ways[1], axis=1)
