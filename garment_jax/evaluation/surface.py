@@ -109,7 +109,7 @@ def farthest(points: np.ndarray, surface: Surface, *, at_least: float = 0.0) -> 
     these bounds until none left can be the largest.
     """
     points = points.astype(np.float64)
-    bound = np.min([group.tree.query(points)[0] for group in surface.classes], axis=0)
+    bound = np.stack([group.tree.query(points)[0] for group in surface.classes]).min(axis=0)
     order, largest, start = np.argsort(-bound), at_least, 0
     while start < len(order) and bound[order[start]] > largest:
         asked = order[start : start + BLOCK]

@@ -87,8 +87,8 @@ def first_frame(
     Y = yaw_matrix(*heading(rotations[0]))
     R = _nearest_rotation(A)
     t = posed - (R * seeds.points[:, None, :]).sum(axis=-1)
-    blended = (W @ R.reshape(-1, 9)).reshape(-1, 3, 3)
-    return ((blended * T[:, None, :]).sum(axis=-1) + W @ t) @ Y
+    blended = jnp.matmul(W, R.reshape(-1, 9)).reshape(-1, 3, 3)
+    return ((blended * T[:, None, :]).sum(axis=-1) + jnp.matmul(W, t)) @ Y
 
 
 def heading(R: jax.Array) -> tuple[jax.Array, jax.Array]:

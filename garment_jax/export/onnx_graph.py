@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Literal
+from jax.extend.core import Literal
 
 from garment_jax.export.onnx_builder import Builder, Value
 from garment_jax.export.onnx_operators import OPERATORS
@@ -82,7 +82,7 @@ def check_opset(opset: int) -> None:
         raise ValueError(f"opset={opset} is not supported; choose {low} to {high} ({low} loads everywhere).")
 
 
-def _walk(builder: Builder, closed: ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
+def _walk(builder: Builder, closed: Any, inputs: Sequence[Value]) -> list[Value]:
     """Emit the nodes of a jaxpr; return the values of its results."""
     known: dict[Any, Value] = dict(zip(closed.jaxpr.invars, inputs, strict=True))
     known |= {v: np.asarray(x) for v, x in zip(closed.jaxpr.constvars, closed.consts, strict=True)}
@@ -106,7 +106,7 @@ def _apply(builder: Builder, equation: Any, inputs: list[Value]) -> list[Value]:
     if params.get("name") == "leaky_relu" and len(inputs) == 2 and not isinstance(inputs[1], str):
         return [builder.node("LeakyRelu", inputs[:1], alpha=float(inputs[1]))]  # else three nodes
     for key in NESTED:
-        if isinstance(params.get(key), ClosedJaxpr):
+        if hasattr(params.get(key), "consts"):  # a closed jaxpr, which some versions of JAX call a jaxpr
             return _walk(builder, params[key], inputs)
     if all(isinstance(x, np.ndarray) for x in inputs):
         out = equation.primitive.bind(*(jnp.asarray(x) for x in inputs), **params)

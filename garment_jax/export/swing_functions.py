@@ -117,7 +117,7 @@ def swing_input(
     changed = jnp.where(state.age[:, None] < SETTLED, 0.0, moved - state.moved @ turn)
 
     def local(x: jax.Array) -> jax.Array:
-        return (ring.frames * x[:, None, :]).sum(axis=-1)
+        return jnp.sum(ring.frames * x[:, None, :], axis=-1)
 
     way = local(moved)
     seen = jnp.concatenate(
@@ -164,4 +164,4 @@ def _radius(points: jax.Array, ring: SwingTables) -> jax.Array:
     levels = ring.levels.astype(np.float32)
     inside = (points[None, :, 1] <= levels[:-1, None]) & (points[None, :, 1] > levels[1:, None])
     reached = jnp.where(inside, jnp.minimum(r, np.float32(ring.farthest))[None], 0.0)  # [LEVELS, q]
-    return (near.astype(jnp.float32)[:, None] * reached[None]).max(axis=-1)
+    return jnp.max(near.astype(jnp.float32)[:, None] * reached[None], axis=-1)

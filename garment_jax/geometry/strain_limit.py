@@ -127,7 +127,7 @@ def _correction(x: jax.Array, longest: jax.Array | np.ndarray, tables: StrainTab
     # counted by degrees: an edge that just enters would halve its neighbours' corrections at once
     counted = jnp.minimum(over / (SOFT * tables.rest), 1.0)
     among = jnp.maximum((tables.share * counted).sum(axis=0), 1.0)
-    return ((tables.share * over / length)[None] * way).sum(axis=1) / among[None]
+    return jnp.sum((tables.share * over / length)[None] * way, axis=1) / among[None]
 
 
 def _too_long(x: jax.Array, tables: StrainTables) -> jax.Array:

@@ -162,7 +162,7 @@ def _unsewn(template: np.ndarray, edges: Edges) -> Finding:
     pairs = KDTree(template[rim]).query_pairs(_SAME_PLACE * size, output_type="ndarray") if len(rim) else []
     if not len(pairs):
         return Finding("split vertices", "ok", "none")
-    split = np.unique(rim[np.asarray(pairs)])
+    split = np.unique(np.take(rim, pairs))
     return Finding(
         "split vertices",
         "warning",
