@@ -1,6 +1,6 @@
 """The steps of section 3.5: along the gradient of the smooth part, then onto the planes of the contacts.
 
-Steps run on the vertices around the contacts, gathered into arrays of one of a few sizes: the cost follows
+Steps run on the first places of a region that hold all that moves, in one of a few sizes: the cost follows
 the contacts, and only the steps, not the searches between them, are compiled once a size.
 """
 
@@ -12,26 +12,27 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from garment_jax.collision.contacts import Contacts
-from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
+from garment_jax.collision.region import Region, first_places, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart
 from garment_jax.geometry.triangle import dot
 
 
 class Iterate(NamedTuple):
-    """Where an accelerated descent stands."""
+    """Where an accelerated descent stands, on the `m` places of a region."""
 
-    x: jax.Array  # [3, n] displacement from V_f, metres
-    y: jax.Array  # [3, n] the same, extrapolated
+    x: jax.Array  # [3, m] displacement from V_f, metres; 0 where nothing moves
+    y: jax.Array  # [3, m] the same, extrapolated
     theta: jax.Array  # [] Nesterov's sequence
 
 
 def advance(
     descend: Array,
     now: Iterate,
-    local: Float[Array, "3 n"],
+    base: Float[Array, "3 m"],
     at: Contacts,
-    members: Members,
+    region: Region,
+    count: Array,
     tables: CollisionTables,
     options,
     *,
@@ -39,44 +40,34 @@ def advance(
 ) -> Iterate:
     """Return the iterate projected (`descend` is False), or after `options.refresh_every` steps.
 
+    `base`: V_f, metres; `at`: contacts, known only where something moves; `count`: places with a member.
     The steps keep `options.eps`, the projection `margin` (metres).
     """
-    sizes = region_sizes(tables, options.sizes)
-    fits = sum((members.count >= size).astype(jnp.int32) for size in sizes[:-1])
+    m = len(region.vertex)
+    sizes = [*(size for size in region_sizes(tables, options.sizes) if size < m), m]
+    fits = sum((count >= size).astype(jnp.int32) for size in sizes[:-1])
 
     def projected() -> Iterate:
-        return now._replace(x=_pushed(local, now.x, at, members.moving, margin))
+        return now._replace(x=_pushed(base, now.x, at, margin))
 
-    steps = [lambda size=size: _descend(size, now, local, at, members, tables, options) for size in sizes]
+    steps = [lambda size=size: _descend(size, now, base, at, region, tables, options) for size in sizes]
     return jax.lax.switch(jnp.where(descend, 1 + fits, 0), [projected, *steps])
 
 
-def _descend(size, now: Iterate, local, at: Contacts, members, tables, options) -> Iterate:
-    """Take the steps on a region of `size` places, with the coordinates first: so they vectorise."""
-    region = make_region(members, tables, size)
-    x, y, direction, height = _taken(now, local, at, region, options.eps)
-    step = partial(_gradient_step, direction, height, region, tables)
+def _descend(size, now: Iterate, base, at: Contacts, region: Region, tables, options) -> Iterate:
+    """Take the steps on the first `size` places, with the coordinates first: so they vectorise."""
+    part, x, y, direction, height = _taken(size, now, base, at, region, options.eps)
+    step = partial(_gradient_step, direction, height, part, tables)
     x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
-    return Iterate(*_put_back(now, x, y, region), theta)
+    return Iterate(now.x.at[:, :size].set(x), now.y.at[:, :size].set(y), theta)
 
 
 @apart
-def _taken(now: Iterate, local, at: Contacts, region: Region, eps) -> tuple[Array, Array, Array, Array]:
-    """Return the iterate of a region's vertices and their planes: direction . x >= height."""
-    x, y, base, point, direction = (
-        leaf[:, region.vertex] for leaf in (now.x, now.y, local, at.point, at.direction)
-    )
-    x, y = (jnp.where(region.moving[None], z, 0.0) for z in (x, y))
-    # where there is no correspondence, there is no plane
-    direction = jnp.where((region.moving & at.known[region.vertex])[None], direction, 0.0)
-    return x, y, direction, eps - dot(base - point, direction)
-
-
-@apart
-def _put_back(now: Iterate, x, y, region: Region) -> tuple[Array, Array]:
-    target = jnp.where(region.moving, region.vertex, now.x.shape[1])
-    x, y = (whole.at[:, target].set(z, mode="drop") for whole, z in ((now.x, x), (now.y, y)))
-    return x, y
+def _taken(size, now: Iterate, base, at: Contacts, region: Region, eps) -> tuple[Region, *tuple[Array, ...]]:
+    """Return a region's first places, the iterate there and the planes: direction . x >= height."""
+    x, y, base, point, direction = (leaf[:, :size] for leaf in (now.x, now.y, base, at.point, at.direction))
+    direction = jnp.where(at.known[None, :size], direction, 0.0)  # without a correspondence there is no plane
+    return first_places(region, size), x, y, direction, eps - dot(base - point, direction)
 
 
 def _gradient_step(direction, height, region: Region, tables, _, carry):
@@ -108,7 +99,7 @@ def _onto_planes(ahead: Float[Array, "3 m"], x, y, theta, direction, height, mov
 
 
 @apart
-def _pushed(local, x, at: Contacts, moving: Array, margin: Array):
+def _pushed(base, x, at: Contacts, margin: Array):
     """Return the displacement after projection; where there is no correspondence, as it was."""
-    height = jnp.maximum(margin - dot(local + x - at.point, at.direction), 0.0)
-    return x + jnp.where(moving & at.known, height, 0.0)[None] * at.direction
+    height = jnp.maximum(margin - dot(base + x - at.point, at.direction), 0.0)
+    return x + jnp.where(at.known, height, 0.0)[None] * at.direction

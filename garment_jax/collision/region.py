@@ -15,9 +15,6 @@ from garment_jax.geometry.marked import WORD, marked_up_to, pack_words, select
 UNROLLED = 16  # neighbours up to which a sum over them is written out, at half the time of a reduction
 
 
-BLOCK = 256  # members whose energy is added up at a time
-
-
 class Members(NamedTuple):
     """Which vertices take part in a solve, before anything is gathered; `whole` is n + 1 in full words."""
 
@@ -95,7 +92,10 @@ def find_members(moving: Bool[Array, " n"], tables: CollisionTables) -> Members:
 
 @apart
 def make_region(members: Members, tables: CollisionTables, size: int) -> Region:
-    """Return the region of the members, which must be fewer than `size`."""
+    """Return the region of the members, which must be fewer than `size`.
+
+    Its first places are those of a smaller region (`first_places`).
+    """
     vertex, own = members.vertex[:size], jnp.arange(size) < members.count
     weight, back = (
         jnp.where(own[None], jnp.asarray(w)[vertex].T, 0.0) for w in (tables.weight, tables.weight_back)
@@ -104,25 +104,16 @@ def make_region(members: Members, tables: CollisionTables, size: int) -> Region:
     return Region(vertex, own, own & members.moving[vertex], index, weight, back, weight.sum(axis=0))
 
 
+def first_places(region: Region, size: int) -> Region:
+    """Return the region of its first `size` places, which must be more than its members."""
+    first = Region(*(leaf[..., :size] for leaf in region))
+    return first._replace(index=jnp.minimum(first.index, size - 1))
+
+
 def smoothness(x: Float[Array, "3 m"], region: Region) -> Float[Array, ""]:
     """Return 1/2 ||Lap x||^2 for a displacement `x` (metres, coordinates first; zero outside the region)."""
     r = stretch(x, region.index, region.weight, region.weight_back, region.total)
     return 0.5 * (r * r).sum()
-
-
-@apart
-def displacement_norm(x: Float[Array, "3 n"], members: Members, tables: CollisionTables) -> Float[Array, ""]:
-    """Return ||Lap x|| over the whole garment; it is zero outside the members."""
-    index, weight = jnp.asarray(tables.index), jnp.asarray(tables.weight)
-
-    def block(k, total):
-        slot = k * BLOCK + jnp.arange(BLOCK)
-        vertex = members.vertex[jnp.minimum(slot, len(members.vertex) - 1)]
-        r = ((x[:, index[vertex].T] - x[:, None, vertex]) * weight[vertex].T[None]).sum(axis=1)
-        return total + jnp.where((slot < members.count)[None], r * r, 0.0).sum()
-
-    blocks = -(-members.count // BLOCK)
-    return jnp.sqrt(jax.lax.fori_loop(0, blocks, block, jnp.zeros((), x.dtype)))
 
 
 @jax.custom_vjp

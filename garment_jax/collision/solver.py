@@ -18,21 +18,19 @@ from garment_jax.collision.contacts import (
     boxes_of,
     collider_of,
     crossing_limit,
-    find_again,
     find_contacts,
     in_groups,
     of_group,
     probed,
 )
-from garment_jax.collision.descent import Iterate, advance
-from garment_jax.collision.region import Members, dilate, displacement_norm, find_members, nobody
+from garment_jax.collision.loop import End, iterate
+from garment_jax.collision.region import Members, dilate, find_members, nobody
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
-from garment_jax.geometry.triangle import dot, squared_length
+from garment_jax.geometry.triangle import dot
 
-FAR = 5e-3  # metres after which a bound from before is not trusted
 PROBE = 0.05  # metres: how deep a vertex may be that is inside unnoticed and found in its turn
 
 
@@ -53,25 +51,6 @@ class CollisionOptions(NamedTuple):
         0.27,
         0.36,
     )  # of regions, in parts of the garment; beyond: all of it
-
-
-class _Progress(NamedTuple):
-    """The carry of a frame's loop: descend, search, descend, ..., push out what is left inside, search."""
-
-    now: Iterate
-    at: Contacts  # correspondences of the displacement `searched`
-    searched: jax.Array  # [3, n]
-    steps: jax.Array  # [] int32 gradient steps taken
-    moved: jax.Array  # [] metres, between the last two searches of the descent
-    pushes: jax.Array  # [] int32 projections since the descent ended
-
-
-class _Frame(NamedTuple):
-    """What does not change during a frame's loop."""
-
-    local: jax.Array  # [3, n] V_f with its pins, relative to the surface's origin
-    members: Members
-    surface: PosedSurface
 
 
 @apart
@@ -105,8 +84,8 @@ def resolve_collisions(
     limit = _first_limit(planes, boxes, free, finite, state, surface, tables, options)
     first = find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
     members, x = _begun(first, free, state.correction, tables, options)
-    end = _iterate(_Frame(local, members, surface), first, x, tables, options)
-    planes, V = _answer(planes, members.moving, end.now.x)
+    end = iterate(local, x, first, members, surface, tables, options)
+    planes, V = _answer(planes, members.moving, end.x)
     deepest_before, before = _depth(first, free)
     deepest, after = _depth(end.at, free)
     outcome = _outcome(end, members.count > 0, free, finite, options)
@@ -117,7 +96,7 @@ def resolve_collisions(
         penetrating_before=before,
         penetrating_after=after,
         steps=end.steps,
-        objective=displacement_norm(end.now.x, members, tables),
+        objective=end.objective,
         converged=(outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED),
         outcome=outcome,
         planes=_walls(end.at, free, surface.origin, options),
@@ -127,7 +106,7 @@ def resolve_collisions(
         V=planes,
         collider=collider_of(surface),
         outside=_outside(state, first, end.at, free, tables),
-        correction=_moved_by(members.moving, end.now.x),
+        correction=_moved_by(members.moving, end.x),
         frame=state.frame + 1,
     )
     return result, _if_finite(finite, following, state)
@@ -185,7 +164,7 @@ def _inside(at: Contacts, counted) -> Array:
 
 
 @apart
-def _outcome(end: _Progress, solved, free, finite, options) -> Array:
+def _outcome(end: End, solved, free, finite, options) -> Array:
     lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
     outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
     missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
@@ -239,64 +218,3 @@ def _begun(first: Contacts, free, correction, tables, options) -> tuple[Members,
         return find_members(moving, tables), jnp.where(moving[None], correction, 0.0)
 
     return jax.lax.cond(contact.any(), solve, lambda: (nobody(tables), jnp.zeros_like(correction)))
-
-
-def _iterate(frame: _Frame, first: Contacts, x: Array, tables: CollisionTables, options) -> _Progress:
-    """Return the end of a frame's loop; without a contact it is not entered."""
-    margin = options.eps * (1 - options.slack)
-
-    def descending(s: _Progress):
-        return (s.steps < options.iterations) & (s.moved > options.tolerance)
-
-    def violated(s: _Progress):
-        lowest = jnp.where(frame.members.moving & s.at.known, s.at.ds, jnp.inf).min()
-        # what half of the projections left nearer than the margin, but outside, has no room for it
-        wanted = jnp.where(s.pushes < (options.projections + 1) // 2, margin, 0.0)
-        return (lowest < wanted) & (s.pushes < options.projections)
-
-    def more(s: _Progress):
-        return (frame.members.count > 0) & (descending(s) | violated(s))
-
-    def body(s: _Progress) -> _Progress:
-        on, margin = descending(s), _push_margin(s.pushes, options)
-        now = advance(on, s.now, frame.local, s.at, frame.members, tables, options, margin=margin)
-        local, ds, limit = _next_limit(now.x, s.searched, frame.local, s.at, frame.members.moving, options)
-        at = find_again(local, s.at._replace(ds=ds), limit, frame.surface, tables)
-        return _Progress(now, at, now.x, *_counted(on, s.steps, s.moved, s.pushes, now.x, s.now.x, options))
-
-    none, one = jnp.int32(0), jnp.ones((), x.dtype)
-    start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
-    return jax.lax.while_loop(more, body, start)
-
-
-def _push_margin(pushes: Array, options) -> Array:
-    """Return the margin of a projection: in the second half of them, half of the last one's each time.
-
-    That half is for what is inside. Pushed out of one wall by the whole margin, a vertex in a narrower gap
-    is inside the other, and so on; nearer to the wall there is room for it.
-    """
-    return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
-
-
-@apart
-def _counted(on, steps, moved, pushes, x: Float[Array, "3 n"], last: Float[Array, "3 n"], options):
-    """Return the steps taken, how far the last ones moved, and the projections."""
-    moved = jnp.where(on, jnp.sqrt(squared_length(x - last).max()), moved)
-    return steps + jnp.where(on, options.refresh_every, 0), moved, pushes + jnp.where(on, 0, 1)
-
-
-@apart
-def _next_limit(x, searched, base: Float[Array, "3 n"], at: Contacts, moving, options) -> tuple[Array, ...]:
-    """Return the vertices moved by `x`, their distances or bounds, and how far to search around them.
-
-    Only those are asked that may have come within the margin; the others' distance shrinks by what
-    they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
-    may rest on the wrong sign: after a long way it is not trusted.
-    """
-    shift = jnp.sqrt(squared_length(x - searched))
-    local, ds, far = base + x, at.ds - shift, shift > FAR
-    asked = moving & (far | (ds < options.eps))
-    away = local - at.point  # the point is still on the surface: none is farther
-    bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
-    limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
-    return local, ds, jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
