@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from garment_jax.collision.contacts import Contacts
-from garment_jax.collision.region import Region, first_places, region_sizes, smoothness
+from garment_jax.collision.region import Region, first_places, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart
 from garment_jax.geometry.triangle import dot
@@ -32,6 +32,7 @@ def advance(
     base: Float[Array, "3 m"],
     at: Contacts,
     region: Region,
+    sizes: list[int],
     count: Array,
     tables: CollisionTables,
     options,
@@ -40,11 +41,10 @@ def advance(
 ) -> Iterate:
     """Return the iterate projected (`descend` is False), or after `options.refresh_every` steps.
 
-    `base`: V_f, metres; `at`: contacts, known only where something moves; `count`: places with a member.
+    `base`: V_f, metres; `at`: contacts, known only where something moves; `sizes`: of first places, the
+    region's own last; `count`: places with a member.
     The steps keep `options.eps`, the projection `margin` (metres).
     """
-    m = len(region.vertex)
-    sizes = [*(size for size in region_sizes(tables, options.sizes) if size < m), m]
     fits = sum((count >= size).astype(jnp.int32) for size in sizes[:-1])
 
     def projected() -> Iterate:

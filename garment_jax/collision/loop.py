@@ -57,21 +57,24 @@ def iterate(
     `local`: V_f with its pins, relative to the surface's origin, metres, whose contacts are `first`.
     """
     sizes = region_sizes(tables, options.sizes)
-    loops = [*[size for size in sizes if size <= SMALL * sizes[-1]][-1:], sizes[-1]]
+    few = sum(size <= SMALL * sizes[-1] for size in sizes)
+    loops = [part for part in (sizes[:few], sizes[few:]) if part]
     none = jnp.zeros((), x.dtype)
 
     def untouched() -> End:
         return End(x, first, jnp.int32(0), none + jnp.inf, none)
 
-    def solved(size: int) -> End:
-        region = make_region(members, tables, size)
+    def solved(sizes: list[int]) -> End:
+        region = make_region(members, tables, sizes[-1])
         base, start, at = _taken(local, x, first, region)
-        end = _in_region(base, start, at, region, members.count, surface, tables, options)
+        end = _in_region(base, start, at, region, sizes, members.count, surface, tables, options)
         objective = jnp.sqrt(2 * smoothness(end.now.x, region))
         return End(*_put_back(x, first, end.now.x, end.at, region), end.steps, end.moved, objective)
 
-    wanted = sum((members.count >= size).astype(jnp.int32) for size in (1, *loops[:-1]))
-    return jax.lax.switch(wanted, [untouched, *(lambda size=size: solved(size) for size in loops)])
+    wanted = sum(
+        (members.count >= size).astype(jnp.int32) for size in (1, *(part[-1] for part in loops[:-1]))
+    )
+    return jax.lax.switch(wanted, [untouched, *(lambda part=part: solved(part) for part in loops)])
 
 
 @apart
@@ -94,8 +97,8 @@ def _put_back(x, first: Contacts, moved, at: Contacts, region: Region) -> tuple[
     return put(x, moved), jax.tree.map(put, first, at)
 
 
-def _in_region(base, x, first: Contacts, region: Region, count, surface, tables, options) -> _Progress:
-    """Return the end of the loop on a region."""
+def _in_region(base, x, first, region: Region, sizes, count, surface, tables, options) -> _Progress:
+    """Return the end of the loop on a region, whose steps take one of `sizes` of its first places."""
     margin = options.eps * (1 - options.slack)
 
     def descending(s: _Progress):
@@ -109,7 +112,7 @@ def _in_region(base, x, first: Contacts, region: Region, count, surface, tables,
 
     def body(s: _Progress) -> _Progress:
         on, margin = descending(s), _push_margin(s.pushes, options)
-        now = advance(on, s.now, base, s.at, region, count, tables, options, margin=margin)
+        now = advance(on, s.now, base, s.at, region, sizes, count, tables, options, margin=margin)
         local, ds, limit = _next_limit(now.x, s.searched, base, s.at, region.moving, options)
         at = find_again(local, s.at._replace(ds=ds), limit, surface, tables)
         return _Progress(now, at, now.x, *_counted(on, s.steps, s.moved, s.pushes, now.x, s.now.x, options))
