@@ -3,11 +3,13 @@
     python benchmarks/swing_from_simulation.py MODEL CLIP... --pattern FLAT --cloth KEY=VALUE ... --out MODEL2
 
 Motions are made out of CLIPs' (the training clips but those kept back: cloth is not read) as `garment-jax
-simulate --vary` makes them, eight kinds by turns; `--clips` of them at most, in waves of `--at-once`, for
-`--simulate` seconds. Clips whose cloth bunched or was stretched are left out (`screening.py`'s limits;
-penetration and self-intersections are not looked at). Of the others a ring's frames and cells are kept, with
-their mirror images, and the stage's own step is taken on them, `swing.steps` windows. MODEL gives everything
-else. With `--keep FOLDER` the first clips are written there, to look at. Needs the extra `sim`.
+simulate --vary` makes them, ten kinds by turns, one of them as they are; `--clips` of them at most, in waves
+of `--at-once`, for `--simulate` seconds. Clips whose cloth bunched or was stretched are left out
+(`screening.py`'s limits; penetration and self-intersections are not looked at). Of the others a ring's frames
+and cells are kept, with their mirror images, and the stage's own step is taken on them, `swing.steps`
+windows. MODEL gives everything else. Each `--set` trains a ring, one after the other: OUT, OUT_2, ... With
+`--keep FOLDER` the first clips are written there, to look at. With JAX_COMPILATION_CACHE_DIR the steps are
+compiled beside the simulation. Needs the extra `sim`.
 """
 
 import argparse
@@ -19,7 +21,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -52,6 +54,8 @@ KINDS = (  # (clips that the motion is made of, variation)
     (1, WIDE._replace(turn=(-120, 120), spins=(0, 0.7))),
     (1, Variation(turn=(-60, 60), kicks=(0, 2))),
     (3, WIDE._replace(turn=(-40, 40))),
+    (1, Variation(tempo=(1, 1), legs=(1, 1), turn=(0, 0), begin=(0, 0))),  # as it was danced
+    (1, Variation()),
 )
 
 
@@ -68,8 +72,16 @@ class Sources(NamedTuple):
 class Packed(NamedTuple):
     """A clip as the ring learns it."""
 
-    frames: SwingFrame
+    frames: SwingFrame  # what is seen in 16 bits: it lies between -6 and 6
     X: np.ndarray
+
+
+class Training(NamedTuple):
+    """A ring's step and what it begins with."""
+
+    step: Callable
+    state: Any  # TrainState
+    tables: SwingTables
 
 
 _known: Sources
@@ -118,7 +130,7 @@ def packed(motion: Motion, V: np.ndarray) -> list[Packed]:
         return []
     mirror = mirror_permutation(garment)
     both = (motion, V), (mirror_motion(motion, scene.body), V[:, mirror] * FLIP.astype(np.float32))
-    return [_as_learnt(*one) for one in both]
+    return [_as_learnt(motion, V) for motion, V in both]
 
 
 def _as_learnt(motion: Motion, V: np.ndarray) -> Packed:
@@ -129,6 +141,7 @@ def _as_learnt(motion: Motion, V: np.ndarray) -> Packed:
     mean = sp.csr_array((down.weight.ravel(), (rows, down.index.ravel())), (a * h, local.shape[1]))
     cells = np.stack([mean @ x for x in local]).reshape(len(V), a, h, 3) - frames.anchor[:, :, None]
     cells = np.einsum("aij,tahj->tahi", _tables.frames, cells).astype(np.float32)
+    frames = frames._replace(seen=frames.seen.astype(np.float16))
     return Packed(frames, np.where(_tables.filled[..., None] > 0, cells, _tables.typical))
 
 
@@ -187,31 +200,88 @@ def _write(scene: Scene, motions: list[Motion], cloths: list[np.ndarray], folder
             writer.append(V)
 
 
-def train(clips: list[Packed], sources: Sources, save: Callable[[dict, int], None]) -> None:
-    """Train a ring on the clips, `swing.steps` windows; `save` takes its parameters twenty times."""
+def training(config: SwingConfig, sources: Sources) -> Training:
+    """Return what a ring is trained with."""
     import jax
     import jax.numpy as jnp
 
     from garment_jax.config import TrainingConfig
-    from garment_jax.data.lanes import make_schedule
     from garment_jax.structs import TrainState
     from garment_jax.swing.network import at_rest, init_swing
-    from garment_jax.swing.train_step import SwingBatch, make_swing_train_step
+    from garment_jax.swing.train_step import make_swing_train_step
     from garment_jax.training.optimiser import make_optimiser
 
-    config, tables = sources.config, make_swing_tables(sources.scene, config=sources.config)
-    lengths = [len(clip.X) for clip in clips]
-    first = np.concatenate([[0], np.cumsum(lengths)])
-    frames = SwingFrame(
-        *(jnp.asarray(np.concatenate(x)) for x in zip(*(c.frames for c in clips), strict=True))
+    tables = make_swing_tables(sources.scene, config=config)
+    optimiser = make_optimiser(
+        TrainingConfig(),
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        steps=config.steps,
     )
-    X = jnp.asarray(np.concatenate([clip.X for clip in clips]))
+    params = init_swing(jax.random.key(sources.seed), config=config)
+    carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
+    state = TrainState(params, optimiser.init(params), jax.random.key(1), jnp.int32(0), carry)
+    return Training(make_swing_train_step(tables, config, optimiser), state, tables)
+
+
+def compiled(configs: list[SwingConfig], sources: Sources) -> None:
+    """Compile the steps into jax's cache on disk, in a process beside the simulation."""
+    import jax
+
+    from garment_jax.swing.motion import FEATURES
+    from garment_jax.swing.train_step import SwingBatch
+
+    for config in configs:
+        step, state, tables = training(config, sources)
+        (a, h), lanes, window = tables.filled.shape, config.lanes, config.window
+        shapes = (
+            SwingFrame(
+                (window, lanes, a, FEATURES), (window, lanes, a, 3), (window, lanes), (window, lanes, a, 3)
+            ),
+            (window, lanes, a, h, 3),
+            (lanes, a, h, 3),
+        )
+        frames, X, start = jax.tree.map(
+            lambda shape: jax.ShapeDtypeStruct(shape, np.float32),
+            shapes,
+            is_leaf=lambda x: type(x) is tuple and isinstance(x[0], int),
+        )
+        flags = jax.ShapeDtypeStruct((lanes,), np.bool_)
+        began = time.perf_counter()
+        step.lower(state, SwingBatch(frames, X, flags, start, flags)).compile()
+        say(f"a step is compiled, {time.perf_counter() - began:.0f} s")
+
+
+def on_device(clips: list[Packed]) -> tuple[SwingFrame, Any]:
+    """Return all clips' frames and cells, one after the other."""
+    import jax.numpy as jnp
+
+    frames = (jnp.asarray(np.concatenate(x)) for x in zip(*(c.frames for c in clips), strict=True))
+    return SwingFrame(*frames), jnp.asarray(np.concatenate([clip.X for clip in clips]))
+
+
+def train(
+    data: tuple[SwingFrame, Any],
+    lengths: list[int],
+    config: SwingConfig,
+    sources: Sources,
+    save: Callable[[dict, int], None],
+) -> None:
+    """Train a ring on the clips, `config.steps` windows; `save` takes its parameters twenty times."""
+    import jax
+    import jax.numpy as jnp
+
+    from garment_jax.data.lanes import make_schedule
+    from garment_jax.swing.train_step import SwingBatch
+
+    step, state, tables = training(config, sources)
+    first = np.concatenate([[0], np.cumsum(lengths)])
 
     @jax.jit
-    def batch(at, begins, fresh):
+    def batch(frames, X, at, begins, fresh):
         which = at[None] + jnp.arange(config.window)[:, None]
         start = jnp.where(begins[:, None, None, None], tables.rest, X[jnp.maximum(at - 1, 0)])
-        cut = SwingFrame(*(leaf[which] for leaf in frames))
+        cut = SwingFrame(*(leaf[which].astype(jnp.float32) for leaf in frames))
         return SwingBatch(cut, X[which], fresh, start, fresh & ~begins)
 
     schedule = make_schedule(
@@ -224,23 +294,16 @@ def train(clips: list[Packed], sources: Sources, save: Callable[[dict, int], Non
         true_starts=1.0,
         lane_windows=config.lane_windows,
     )
-    say(f"{len(X)} frames with mirror images are on the device")
-    optimiser = make_optimiser(
-        TrainingConfig(),
-        learning_rate=config.learning_rate,
-        weight_decay=config.weight_decay,
-        steps=config.steps,
-    )
-    params = init_swing(jax.random.key(sources.seed), config=config)
-    carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
-    state = TrainState(params, optimiser.init(params), jax.random.key(1), jnp.int32(0), carry)
-    step, show, rmse = make_swing_train_step(tables, config, optimiser), max(config.steps // 20, 1), []
+    say(f"training, {config.layers} layers, {first[-1]} frames with mirror images")
+    show, rmse = max(config.steps // 20, 1), []
     began = time.perf_counter()
     for k, w in enumerate(schedule, start=1):
-        state, metrics = step(
-            state, batch(*map(jnp.asarray, (first[w.clip] + w.start, w.start == 0, w.fresh)))
-        )
+        places = map(jnp.asarray, (first[w.clip] + w.start, w.start == 0, w.fresh))
+        state, metrics = step(state, batch(*data, *places))
         rmse.append(metrics["rmse_cm"])
+        if k == 1:
+            jax.block_until_ready(state)
+            say("the first window is done")
         if k % show == 0 or k == config.steps:
             done = float(jnp.stack(rmse[-show:]).mean())
             say(f"{k}/{config.steps} windows, {done:.3f} cm, {time.perf_counter() - began:.0f} s")
@@ -260,7 +323,7 @@ def main() -> None:
     parser.add_argument("--longest", type=int, default=350)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--simulate", type=float, default=np.inf, help="seconds")
-    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="of [swing]")
+    parser.add_argument("--set", nargs="+", action="append", metavar="KEY=VALUE", help="of [swing]")
     parser.add_argument("--seed", type=int, default=811)
     parser.add_argument("--keep", type=Path)
     options = parser.parse_args()
@@ -271,25 +334,33 @@ def main() -> None:
     from garment_jax.training.pipeline import trained_model
 
     model = trained_model(options.model)
-    config = apply_overrides(model.config, [f"--swing.{pair}" for pair in options.set])
+    rings = [
+        apply_overrides(model.config, [f"--swing.{pair}" for pair in pairs]) for pairs in options.set or [[]]
+    ]
     motions, scene = [], None
     for path in options.sources:
         with open_sequence(path) as clip:
             scene = scene or clip.scene
             motions.append(clip.motion)
     assert scene is not None
-    sources = Sources(scene, motions, config.swing, options.seed, options.longest)
+    sources = Sources(scene, motions, rings[0].swing, options.seed, options.longest)
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        steps = [ring.swing for ring in rings]
+        multiprocessing.get_context("spawn").Process(target=compiled, args=(steps, sources)).start()
     clips, facts = simulated(sources, options)
+    lengths = [len(clip.X) for clip in clips]
+    data = on_device(clips)
+    del clips
+    for k, ring in enumerate(rings, start=1):
+        out = options.out if k == 1 else options.out.with_name(f"{options.out.name}_{k}")
 
-    def save(params: dict, windows: int) -> None:
-        now = replace(config, swing=replace(config.swing, steps=windows))
-        save_model(
-            model._replace(config=now, params={**model.params, "swing": params}, seen=seen_body(scene)),
-            options.out,
-        )
+        def save(params: dict, windows: int, ring=ring, out=out) -> None:
+            config = replace(ring, swing=replace(ring.swing, steps=windows))
+            whole = {**model.params, "swing": params}
+            save_model(model._replace(config=config, params=whole, seen=seen_body(scene)), out)
 
-    train(clips, sources, save)
-    say(json.dumps(machine() | facts | {"windows": config.swing.steps, "lanes": config.swing.lanes}))
+        train(data, lengths, ring.swing, sources, save)
+        say(json.dumps(machine() | facts | {"windows": ring.swing.steps, "lanes": ring.swing.lanes}))
 
 
 if __name__ == "__main__":

@@ -217,7 +217,7 @@ class SideBySide:
         self._v.assign(np.stack([state.velocities for state in states]))
         self._pose(0, poses)
         self._move(0.0)
-        yield self._x.numpy()
+        x = self._cloths()
         for frame in range(total - 1):
             self._pose(frame, poses)
             if self._recording is not None:
@@ -228,7 +228,13 @@ class SideBySide:
                 with wp.ScopedCapture(self._device) as capture:
                     self._advance()
                 self._recording = capture.graph
-            yield self._x.numpy()
+            yield x  # looked at while a GPU is at the next frame
+            x = self._cloths()
+        yield x
+
+    def _cloths(self) -> np.ndarray:
+        x = self._x.numpy()
+        return x if self._device.is_cuda else x.copy()  # a CPU's array is the memory itself
 
     def _poses(self, motions: Sequence[Motion], frames: int) -> tuple[Any, Any, Any]:
         """Return the joints' rotations and places from the root `[t, clips, j]`, and the roots."""

@@ -42,16 +42,19 @@ def test_they_agree_with_newtons(warm: bool, iterations: int):
 # what CUDA has and a CPU has not, for a block of one thread: there is no other lane to add
 ONE_THREAD = """
     struct float4 { float x, y, z, w; };
+    struct float3 { float x, y, z; };
     struct { int x; } threadIdx = {0}, blockDim = {1};
 #define make_float4(x, y, z, w) float4{x, y, z, w}
+#define make_float3(x, y, z) float3{x, y, z}
 #define __shfl_xor_sync(lanes, sum, d) 0.0f
 #define __syncthreads()
 #define __shared__
 """
 
 
+@pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("warm", [False, True])
-def test_a_gpus_code_solves_the_same_equations_clip_by_clip(warm: bool):
+def test_a_gpus_code_solves_the_same_equations_clip_by_clip(warm: bool, held: bool):
     import warp as wp
 
     from garment_jax.simulation import conjugate_gradients as native
@@ -78,15 +81,21 @@ def test_a_gpus_code_solves_the_same_equations_clip_by_clip(warm: bool):
     ours, theirs = arrays(), arrays()
     work = native.make_work(n, clips)
     native.solve(native.make_matrix(solver), d, *ours, work, iterations=20, warm=warm)
-    code = native._SOLVE_GPU.replace("threads / 32", "1")  # a whole warp at least, but here
+    code = native._SOLVE_HELD if held else native._SOLVE_GPU
+    code = code.replace("threads / 32", "1")  # a whole warp at least, but here
+    code = code.replace("EACH = 3, MOST = EACH * 1024", f"EACH = {n}, MOST = {n}")
     matrix = native.make_matrix(solver, padded=True)
-    wp.launch(_kernel(wp, ONE_THREAD + code), clips, [20, int(warm), *matrix, d, *theirs, work], device="cpu")
+    assert matrix.column.dtype == wp.uint16  # of garments as small as this one
+    if not held:
+        matrix = matrix._replace(column=wp.array(matrix.column.numpy(), dtype=wp.int32, device="cpu"))
+    kernel = _kernel(wp, ONE_THREAD + code, matrix.column.dtype)
+    wp.launch(kernel, clips, [20, int(warm), *matrix, d, *theirs, work], device="cpu")
     found, expected = theirs[-1].numpy(), ours[-1].numpy()
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * abs(expected).max())
     assert not found.reshape(clips, n, 3)[:, :5].any()
 
 
-def _kernel(wp, code: str):
+def _kernel(wp, code: str, index):
     """Return a kernel that runs `code` as the solver's for each clip."""
 
     @wp.func_native(code)
@@ -95,7 +104,7 @@ def _kernel(wp, code: str):
         iterations: int,
         warm: int,
         start: wp.array(dtype=wp.int32),
-        column: wp.array(dtype=wp.int32),
+        column: wp.array(dtype=index),
         value: wp.array(dtype=wp.float32),
         diagonal: wp.array(dtype=wp.float32),
         contact: wp.array(dtype=wp.mat33),
@@ -110,7 +119,7 @@ def _kernel(wp, code: str):
         iterations: int,
         warm: int,
         start: wp.array(dtype=wp.int32),
-        column: wp.array(dtype=wp.int32),
+        column: wp.array(dtype=index),
         value: wp.array(dtype=wp.float32),
         diagonal: wp.array(dtype=wp.float32),
         contact: wp.array(dtype=wp.mat33),
