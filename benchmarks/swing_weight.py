@@ -54,11 +54,12 @@ def judged(model: Model, path: Path) -> tuple[dict[str, float], dict[str, float]
     pins = scene.pins.vertices if scene.pins is not None else None
     low = hem_vertices(scene.garment.template, scene.garment.faces, pins)
     truth = np.asarray(V_star)
-    row, moves = {}, {}
+    row, moves, reach = {}, {}, model.config.rollout.reach
     settings = {f"{weight:g}": (weight, 1.0) for weight in WEIGHTS}
     settings |= {f"x{gain:g}": (model.config.rollout.swing, gain) for gain in GAINS}
     for name, (weight, gain) in settings.items():
-        W = np.asarray(corrected(V, jnp.asarray(X), anchor, tables=tables, weight=weight, gain=gain))
+        ring = {"tables": tables, "weight": weight, "gain": gain, "reach": reach}
+        W = np.asarray(corrected(V, jnp.asarray(X), anchor, **ring))
         row[name] = float(100 * np.sqrt(np.square(W - truth).sum(axis=-1).mean(dtype=np.float64)))
         moves[name] = hem(W[:, low]).motion_std_cm / hem(truth[:, low]).motion_std_cm
     share = tables.share[..., None]

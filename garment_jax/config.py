@@ -184,6 +184,7 @@ class RolloutConfig:
     lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
     swing: float = 0.6  # part of the way from the codes to the swing that the cloth goes
     gain: float = 1.0  # of what the corrected cloth swings out: a mean of all it may do swings too little
+    reach: float = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): no cell is corrected by more
 
 
 @dataclass(frozen=True)
@@ -204,7 +205,7 @@ class Config:
 _POSITIVE = frozenset(
     {"seeds", "tau", "skin_iterations", "size", "channels", "latent_dim", "part_dim", "rec_hidden"}
     | {"batch", "gru", "window", "lanes", "lane_windows", "features", "code_features", "learning_rate", "eps"}
-    | {"rows", "columns", "width", "around", "log_every", "chunk", "gain", "components", "bones"}
+    | {"rows", "columns", "width", "around", "log_every", "chunk", "gain", "reach", "components", "bones"}
 )
 _LARGEST = 2**31 - 1  # of whole numbers but seeds: steps are counted in 32 bits
 _PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
@@ -310,8 +311,8 @@ def content_hash(config: Config) -> str:
     """The first 16 hex digits of the SHA-256 over all values, independent of key order.
 
     What came later (baselines, decomposition, skin_reach, swing and its layers, previous_state, dropout and
-    motion_noise, lengths, gain, begin_from) counts where it differs from the defaults, so that older hashes
-    hold.
+    motion_noise, lengths, gain, reach, begin_from) counts where it differs from the defaults, so that older
+    hashes hold.
     """
     values = to_dict(config)
     if config.baselines == BaselinesConfig():
@@ -324,7 +325,7 @@ def content_hash(config: Config) -> str:
     for key in ("decomposition", "skin_reach"):
         if getattr(config.generative, key) == getattr(GenerativeConfig(), key):
             del values["generative"][key]
-    for key in ("lengths", "swing", "gain"):
+    for key in ("lengths", "swing", "gain", "reach"):
         if getattr(config.rollout, key) == getattr(RolloutConfig(), key):
             del values["rollout"][key]
     if not config.training.begin_from:

@@ -147,6 +147,7 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
             r"detail\.steps = 99999999999 is out of range; give 2147483647",
         ),
         (["--rollout.gain", "0"], r"rollout\.gain = 0\.0 must be a finite number, greater than 0"),
+        (["--rollout.reach", "-1"], r"rollout\.reach = -1\.0 must be a finite number, greater than 0"),
         (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),
         (["--data.mirror", "yes"], r"data\.mirror = 'yes' must be true or false"),
         (["--uv.size"], r"--uv\.size has no value; write --uv\.size VALUE"),

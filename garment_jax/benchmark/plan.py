@@ -185,8 +185,10 @@ class Plan:
         lengths = ["lengths"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
-        drawn = [config.rollout.gain] if config.rollout.gain != 1.0 else []  # came later, too
-        swing = [config.rollout.swing, *drawn] if config.swing.steps else []
+        how = config.rollout
+        drawn = [how.gain] if how.gain != 1.0 else []  # came later, too
+        reach = [{"reach": how.reach}] if how.reach != 1.0 else []  # and so did this
+        swing = [how.swing, *drawn, *reach] if config.swing.steps else []
         return [row.task, row.detail, row.precision, collision, *lengths, *swing]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:

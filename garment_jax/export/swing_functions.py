@@ -92,8 +92,9 @@ def swung(
     frame, state = swing_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
     gates = seen_gates(params, frame.seen, config=config.swing)
     carry = swing_step(params, state.carry, frame, gates, tables=ring, config=config.swing)
-    weight, gain = config.rollout.swing, config.rollout.gain
-    moved = cells_moved(V, carry.X, frame.anchor, tables=ring, weight=weight, gain=gain)
+    how = config.rollout
+    drawn = {"weight": how.swing, "gain": how.gain, "reach": how.reach}
+    moved = cells_moved(V, carry.X, frame.anchor, tables=ring, **drawn)
     # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
     spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
     return V + spread.T, state._replace(carry=carry)

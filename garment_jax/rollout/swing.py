@@ -58,8 +58,9 @@ def swing_frames_of(
 
 
 def _drawn(V: jax.Array, X: jax.Array, frame: SwingFrame, template: Template, config: Config) -> jax.Array:
-    weight, gain = config.rollout.swing, config.rollout.gain
-    return corrected(V, X, frame.anchor, tables=template.ring, weight=weight, gain=gain)
+    how = config.rollout
+    drawn = {"weight": how.swing, "gain": how.gain, "reach": how.reach}
+    return corrected(V, X, frame.anchor, tables=template.ring, **drawn)
 
 
 def _seen(x: FrameInput) -> SwingFrame:

@@ -19,8 +19,6 @@ from garment_jax.motion.network import gru_step
 from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
 from garment_jax.swing.tables import SwingTables
 
-REACH = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): the way to the ring is held to it
-
 
 class SwingCarry(NamedTuple):
     """What the ring carries from frame to frame; columns' frames."""
@@ -160,9 +158,10 @@ def corrected(
     tables: SwingTables,
     weight: float,
     gain: float = 1.0,
+    reach: float = 1.0,
 ) -> Float[Array, "*b n 3"]:
     """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
-    moved = cells_moved(V, X, anchor, tables=tables, weight=weight, gain=gain)
+    moved = cells_moved(V, X, anchor, tables=tables, weight=weight, gain=gain, reach=reach)
     return V + apply_stencil(moved, tables.up)
 
 
@@ -174,23 +173,22 @@ def cells_moved(
     tables: SwingTables,
     weight: float,
     gain: float,
+    reach: float,
 ) -> Float[Array, "*b ah 3"]:
     """Return how far `corrected` moves each cell, metres, root frame.
 
-    A cell d off counts as r tanh(d / r) off, r being `REACH` times its scale: where ring and codes are far
+    A cell d off counts as r tanh(d / r) off, r being `reach` times its scale: where ring and codes are far
     apart neither knows, and all of the way would stretch the cloth between two columns. What is then away
     from where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less
     than any of it.
     """
     cells = cells_of(V, anchor, tables=tables)
     away = X - cells
-    filled, reach = (
-        jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], REACH * tables.scale)
-    )
+    filled, most = (jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], reach * tables.scale))
     square = jnp.square(away).sum(axis=-1, keepdims=True)
     apart = square > 1e-16
     far = jnp.sqrt(jnp.where(apart, square, 1.0))  # no infinite gradient where nothing is to be done
-    away = away * jnp.where(apart, reach * jnp.tanh(far / reach) / far, 1.0)
+    away = away * jnp.where(apart, most * jnp.tanh(far / most) / far, 1.0)
     away = weight * away
     if gain != 1.0:
         away += (gain - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))

@@ -150,6 +150,8 @@ def test_the_animator_corrects_unless_the_swing_is_taken_away():
     )
     drawn = animated(with_rollout(gain=1.2))
     assert np.abs(drawn - V).max() > 0.001
+    held = animated(with_rollout(reach=1e-6))  # so little that only the codes are left
+    assert np.abs(held - codes).max() < 1e-4
     assert np.isfinite(V).all()
     assert np.abs(V - codes).max() > 0.01
     np.testing.assert_array_equal(alone, codes)

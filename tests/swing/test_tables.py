@@ -123,7 +123,8 @@ def test_a_part_without_pins_is_refused():
         make_swing_tables(SCENE._replace(pins=None), config=SWING)
 
 
-def test_a_correction_does_not_reach_farther_than_a_cells_scale():
+@pytest.mark.parametrize("reach", [1.0, 1.5])
+def test_a_correction_does_not_reach_farther_than_a_cells_scale(reach: float):
     """One wild cell in a garment is followed up to its scale, and a small difference as it is."""
     cells = np.asarray(cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables()))
     rng = np.random.default_rng(4)
@@ -132,14 +133,16 @@ def test_a_correction_does_not_reach_farther_than_a_cells_scale():
     largest = []
     for far in (1e-4, 0.5, 5.0, 1e6):
         X = cells + far * tables().scale * way
-        made = corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0)
-        away = np.einsum("aij,ahi->ahj", tables().frames, np.tanh(far) * tables().scale * way)
+        ring = {"tables": tables(), "weight": 1.0} | ({} if reach == 1.0 else {"reach": reach})
+        made = corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), **ring)
+        held = reach * np.tanh(far / reach)
+        away = np.einsum("aij,ahi->ahj", tables().frames, held * tables().scale * way)
         index, weight = tables().up.index, tables().up.weight
         wanted = (away.reshape(-1, 3)[index] * weight[..., None]).sum(axis=1)
         np.testing.assert_allclose(np.asarray(made) - T, wanted, atol=3e-6)
         largest.append(np.linalg.norm(wanted, axis=-1).max() / tables().scale.max())
     assert largest[0] < 2e-4
-    assert largest[3] < 1.5
+    assert largest[3] < 1.5 * reach
 
 
 def test_a_gain_draws_out_what_is_away_from_the_template_and_nothing_else():
