@@ -44,6 +44,7 @@ from garment_jax.swing.motion import SwingFrame, swing_frames
 from garment_jax.swing.tables import SwingTables, make_swing_tables
 
 BEGAN = time.perf_counter()
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # the simulation needs memory, too
 WIDE = Variation(tempo=(0.65, 1.45), legs=(0.75, 1.35))
 KINDS = (  # (clips that the motion is made of, variation)
     (3, WIDE._replace(turn=(-100, 100), spins=(0, 0.7))),
@@ -344,13 +345,20 @@ def main() -> None:
             motions.append(clip.motion)
     assert scene is not None
     sources = Sources(scene, motions, rings[0].swing, options.seed, options.longest)
+    cells = {(ring.swing.columns, ring.swing.rows) for ring in rings}
+    if len(cells) > 1:
+        parser.error(f"rings of one call see the same cells; {cells} (columns, rows) need a call each.")
+    aside = None
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         steps = [ring.swing for ring in rings]
-        multiprocessing.get_context("spawn").Process(target=compiled, args=(steps, sources)).start()
+        aside = multiprocessing.get_context("spawn").Process(target=compiled, args=(steps, sources))
+        aside.start()
     clips, facts = simulated(sources, options)
     lengths = [len(clip.X) for clip in clips]
     data = on_device(clips)
     del clips
+    if aside is not None:
+        aside.join()
     for k, ring in enumerate(rings, start=1):
         out = options.out if k == 1 else options.out.with_name(f"{options.out.name}_{k}")
 

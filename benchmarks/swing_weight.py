@@ -17,6 +17,7 @@ import numpy as np
 from measured import report
 
 from garment_jax.body.root_frame import heading, to_root
+from garment_jax.config import to_dict
 from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.cloth import hem
 from garment_jax.geometry.boundary import hem_vertices
@@ -92,7 +93,7 @@ def main() -> None:
     report(
         rows,
         title="By rollout.swing, and by rollout.gain",
-        facts={"model": options.model},
+        facts={"model": options.model, "shipped": to_dict(model.config)["rollout"]},
         json_path=options.json,
     )
 

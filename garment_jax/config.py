@@ -184,7 +184,9 @@ class RolloutConfig:
     lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
     swing: float = 0.6  # part of the way from the codes to the swing that the cloth goes
     gain: float = 1.0  # of what the corrected cloth swings out: a mean of all it may do swings too little
-    reach: float = 1.0  # of a cell's scale (8 cm at the shared skirt's hem): no cell is corrected by more
+    reach: float = (
+        1.0  # of a cell's scale (8 cm at the shared skirt's hem): the most that is gone to the swing
+    )
 
 
 @dataclass(frozen=True)

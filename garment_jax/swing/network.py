@@ -178,7 +178,7 @@ def cells_moved(
     """Return how far `corrected` moves each cell, metres, root frame.
 
     A cell d off counts as r tanh(d / r) off, r being `reach` times its scale: where ring and codes are far
-    apart neither knows, and all of the way would stretch the cloth between two columns. What is then away
+    apart neither may know, and all of the way would stretch the cloth between two columns. What is then away
     from where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less
     than any of it.
     """

@@ -1,5 +1,6 @@
 """The swing frame by frame from the skeleton alone, against the package's own functions of whole motions."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -46,8 +47,11 @@ def test_a_frame_is_that_of_the_whole_motion(degrees: float):
     assert np.abs(expected.turn).max() > 1e-3
 
 
-def test_the_codes_are_corrected_as_in_a_rollout():
+@pytest.mark.parametrize("drawn", [(1.0, 1.0), (1.2, 0.05)])
+def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
     model, motion = swinging_model(), turned(50.0)
+    how = replace(model.config.rollout, gain=drawn[0], reach=drawn[1])
+    model = model._replace(config=replace(model.config, rollout=how))
     tables_ = template(model)
     inputs = model_input(model, SCENE, tables_, seeds(), motion)
     start = skinned_template(model, tables_, seeds(), inputs)

@@ -68,12 +68,14 @@ def test_hashes_from_before_the_key_hold() -> None:
     older = to_dict(Config())
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["swing"], older["training"]["begin_from"]
-    del older["rollout"]["lengths"], older["rollout"]["swing"], older["rollout"]["gain"]
+    for key in ("lengths", "swing", "gain", "reach"):
+        del older["rollout"][key]
 
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(Config()) == hashlib.sha256(text).hexdigest()[:16]
     changes = ("--generative.decomposition=false", "--baselines.bones=7", "--swing.steps=7")
-    for change in (*changes, "--rollout.gain=1.06", "--training.begin_from=models/skirt"):
+    changes += ("--rollout.gain=1.06", "--rollout.reach=1.5", "--training.begin_from=models/skirt")
+    for change in changes:
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())
 
 
@@ -84,7 +86,8 @@ def test_hashes_of_swings_from_before_their_keys_hold() -> None:
         del older["swing"][key]
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["training"]["begin_from"]
-    del older["rollout"]["lengths"], older["rollout"]["swing"], older["rollout"]["gain"]
+    for key in ("lengths", "swing", "gain", "reach"):
+        del older["rollout"][key]
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(swings) == hashlib.sha256(text).hexdigest()[:16]
     for change in ("layers=1", "previous_state=false", "dropout=0.1", "motion_noise=0.1"):

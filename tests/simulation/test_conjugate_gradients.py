@@ -58,6 +58,7 @@ def test_a_gpus_code_solves_the_same_equations_clip_by_clip(warm: bool, held: bo
     import warp as wp
 
     from garment_jax.simulation import conjugate_gradients as native
+    from garment_jax.simulation import conjugate_gradients_cuda as cuda
     from garment_jax.simulation.newton_cloth import make_solver
 
     scene = make_scene(8, 24)
@@ -81,9 +82,9 @@ def test_a_gpus_code_solves_the_same_equations_clip_by_clip(warm: bool, held: bo
     ours, theirs = arrays(), arrays()
     work = native.make_work(n, clips)
     native.solve(native.make_matrix(solver), d, *ours, work, iterations=20, warm=warm)
-    code = native._SOLVE_HELD if held else native._SOLVE_GPU
+    code = cuda.HELD if held else cuda.STREAMED
     code = code.replace("threads / 32", "1")  # a whole warp at least, but here
-    code = code.replace("EACH = 3, MOST = EACH * 1024", f"EACH = {n}, MOST = {n}")
+    code = code.replace(f"EACH = {cuda.EACH}, MOST = {cuda.MOST_HELD}", f"EACH = {n + 1}, MOST = {n}")
     matrix = native.make_matrix(solver, padded=True)
     assert matrix.column.dtype == wp.uint16  # of garments as small as this one
     if not held:
