@@ -32,7 +32,9 @@ from garment_jax.geometry.triangle import dot, squared_length
 
 Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
 ANSWERS = 128  # vertices whose correspondence is made at a time
+TOGETHER = 8  # of them that search as a group where few search again
 BRANCHES = 64  # of the surface that are compared with all groups at a time
+PATCH = 32  # groups in a row, which lie together, in one box where branches are left out
 
 
 class Contacts(NamedTuple):
@@ -94,12 +96,20 @@ def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
 
 @apart
 def _met(boxes: Boxes, moved: Float[Array, "3 n"], body: Float[Array, " c3"], surface) -> Bool[Array, " b"]:
-    """Return the branches that some group may have met: within the box of all, drawn along all movement."""
+    """Return the branches that some group may have met: within a patch's box, drawn along all movement."""
     body = body.reshape(3, -1)
     back = jnp.maximum(moved.max(axis=1) - body.min(axis=1), 0.0) + SLACK
     ahead = jnp.maximum(body.max(axis=1) - moved.min(axis=1), 0.0) + SLACK
-    low, high = boxes[0].min(axis=1) - back, boxes[1].max(axis=1) + ahead
-    return ((low[:, None] <= surface.high) & (high[:, None] >= surface.low)).all(axis=0)
+    low, high = _patches(boxes)
+    low, high = (low - back[:, None])[..., None], (high + ahead[:, None])[..., None]
+    return ((low <= surface.high[:, None]) & (high >= surface.low[:, None])).all(axis=0).any(axis=0)
+
+
+def _patches(boxes: Boxes) -> tuple[Array, Array]:
+    """Return the least and the greatest coordinates `[3, p]` of patches of groups."""
+    fill = ((0, 0), (0, -boxes[0].shape[1] % PATCH))
+    low, high = (jnp.pad(x, fill, mode="edge").reshape(3, -1, PATCH) for x in boxes)
+    return low.min(axis=2), high.max(axis=2)
 
 
 @apart
@@ -240,13 +250,15 @@ def find_again(
 ) -> Contacts:
     """Return contacts `at` with those asked for (`limit` >= 0) made anew; the rest stays as it was.
 
-    For a second search in a frame: those asked are few, and each looks for itself. Exact as `find_contacts`.
+    For a second search in a frame, where those asked are few: the next ones in order search together, and
+    should lie together. Exact as `find_contacts`.
     """
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
         last, points = _asked(here, local, made.triangle)
         bound = _bound(here, to, limit, distance_to(last, points, surface, tables.surface))
-        found = search(points[:, None], bound[None], surface, tables.surface).triangle[0]
+        found = search(*_together(points, bound), surface, tables.surface, at_once=ANSWERS)
+        found = _one_by_one(found.triangle)
         triangle = jnp.where(found >= 0, found, last)
         made = made._replace(**_answered(made, to, triangle, points, surface, tables))
         return made._replace(**_with_the_far(made, here, to, triangle, found, limit))
@@ -258,6 +270,17 @@ def find_again(
 def _bound(here, to, limit: Float[Array, " n"], distance: Float[Array, " k"]) -> Float[Array, " k"]:
     """Return how far the vertices `here` search; those that fill up a chunk do not."""
     return jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
+
+
+@apart
+def _together(points: Float[Array, "3 k"], bound: Float[Array, " k"]) -> tuple[Array, Array]:
+    """Return the same in groups of those that follow each other, the groups last: `[3, s, g]`, `[s, g]`."""
+    return points.reshape(3, -1, TOGETHER).transpose(0, 2, 1), bound.reshape(-1, TOGETHER).T
+
+
+@apart
+def _one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
+    return found.T.reshape(-1)
 
 
 @apart

@@ -116,10 +116,13 @@ def search(
     surface: PosedSurface,
     tables: SurfaceTables,
     words: UInt32[Array, "w g"] | None = None,
+    *,
+    at_once: int = PAIRS,
 ) -> Nearest:
     """Return the nearest triangle of each point within its own `limit` (metres; below 0: not asked).
 
-    `words` are the branches that may matter to a group (`branches_within`), where they are known.
+    `words` are the branches that may matter to a group (`branches_within`), where they are known;
+    `at_once`: how many pairs of a group and a branch are taken at a time, fewer for few groups.
     `points` are relative to `surface.origin`. In float32, of triangles whose squared distances
     differ by less than two millionths, either may be returned. Not differentiable.
     """
@@ -129,7 +132,7 @@ def search(
 
     def pairs(state):
         at, key, where = state
-        group, branch, valid = select(at, PAIRS, words, up_to)
+        group, branch, valid = select(at, at_once, words, up_to)
         inner = _inner(rows, limits, group, branch, valid, surface)
         inner_up_to = marked_up_to(inner)
 
@@ -143,7 +146,7 @@ def search(
         _, key, where = jax.lax.while_loop(
             lambda s: s[0] < inner_up_to[-1], tests, (jnp.int32(0), key, where)
         )
-        return at + PAIRS, key, where
+        return at + at_once, key, where
 
     start = (jnp.int32(0), *_nothing_found(limit))
     _, key, where = jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)
@@ -174,7 +177,7 @@ def _rows(words: UInt32[Array, "w g"], points: Float[Array, "3 s g"], limit: Flo
 def _inner(rows: Float[Array, "g 3 s"], limits, group, branch, valid, surface) -> UInt32[Array, "k w"]:
     """Return the marks of each pair's leaves and points within the point's own limit, leaf after leaf."""
     reached = _reached(*_looked_up(rows, limits, surface.bounds, group, branch))
-    return pack((reached & valid[:, None, None]).reshape(PAIRS, -1))
+    return pack((reached & valid[:, None, None]).reshape(len(group), -1))
 
 
 @apart
