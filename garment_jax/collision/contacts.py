@@ -73,20 +73,37 @@ def crossing_limit(
     be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
     between its planes, both drawn along that movement. So what slides along the body is not searched.
     """
-    body = _flat(collider_of(surface) - state.collider)
+    body = _body_steps(state, surface)
     ours, groups = _movement(_flat(moved), tables.groups.T), _middle_and_half(*boxes)
-    words, up_to = _marked(_met(boxes, moved, body, surface))
+    words, up_to = _marked(_met(boxes, ours, body, surface))
+    return of_group(_past_all(words, up_to, groups, ours, body, surface, tables), tables)
+
+
+@apart
+def _body_steps(state: CollisionState, surface) -> Float[Array, " c3"]:
+    """Return how the body's vertices have moved since the last frame, as `PosedSurface.flat`."""
+    return _flat(collider_of(surface) - state.collider)
+
+
+@apart
+def _past_all(words, up_to, groups: Boxes, ours, body, surface, tables: CollisionTables) -> Array:
+    """Return `crossing_limit` of every group past the marked branches."""
     rows = jnp.asarray(tables.surface.branches)
 
     def some(state):
         at, limit = state
         which, _ = _some(at, BRANCHES, words, up_to, len(rows))
-        low, high, slab, points = _branches(which, rows, surface)
-        found = _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab)
-        return at + BRANCHES, jnp.maximum(limit, found)
+        return at + BRANCHES, _past(which, limit, groups, ours, body, surface, rows)
 
     start = jnp.int32(0), jnp.zeros_like(ours[1])
-    return of_group(jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1], tables)
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1]
+
+
+@apart
+def _past(which: Int[Array, " k"], limit: Float[Array, " g"], groups, ours, body, surface, rows) -> Array:
+    """Return the greater of `limit` and `crossing_limit` past some branches."""
+    low, high, slab, points = _branches(which, rows, surface)
+    return _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab, limit)
 
 
 @apart
@@ -95,16 +112,30 @@ def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
 
 
 @apart
-def _met(boxes: Boxes, moved: Float[Array, "3 n"], body: Float[Array, " c3"], surface) -> Bool[Array, " b"]:
+def _met(boxes: Boxes, ours, body: Float[Array, " c3"], surface) -> Bool[Array, " b"]:
     """Return the branches that some group may have met: within a patch's box, drawn along all movement."""
-    body = body.reshape(3, -1)
-    back = jnp.maximum(moved.max(axis=1) - body.min(axis=1), 0.0) + SLACK
-    ahead = jnp.maximum(body.max(axis=1) - moved.min(axis=1), 0.0) + SLACK
-    low, high = _patches(boxes)
-    low, high = (low - back[:, None])[..., None], (high + ahead[:, None])[..., None]
+    return _met_by(_patches(boxes), ours, _extremes(body), surface)
+
+
+@apart
+def _met_by(patches: Boxes, ours, its, surface) -> Bool[Array, " b"]:
+    """Return the branches within some patch's box, drawn along the extremes of either's movement."""
+    step, reach = ours
+    back = jnp.maximum((step + reach[None]).max(axis=1) - its[0].min(axis=1), 0.0) + SLACK
+    ahead = jnp.maximum(its[1].max(axis=1) - (step - reach[None]).min(axis=1), 0.0) + SLACK
+    low, high = (patches[0] - back[:, None])[..., None], (patches[1] + ahead[:, None])[..., None]
     return ((low <= surface.high[:, None]) & (high >= surface.low[:, None])).all(axis=0).any(axis=0)
 
 
+@apart
+def _extremes(steps: Float[Array, " c3"]) -> Boxes:
+    """Return the least and the greatest steps of every q-th vertex, `[3, q]`: in two goes they vectorise."""
+    steps = steps.reshape(3, -1)
+    steps = jnp.pad(steps, ((0, 0), (0, -steps.shape[1] % WORD)), mode="edge").reshape(3, WORD, -1)
+    return steps.min(axis=1), steps.max(axis=1)
+
+
+@apart
 def _patches(boxes: Boxes) -> tuple[Array, Array]:
     """Return the least and the greatest coordinates `[3, p]` of patches of groups."""
     fill = ((0, 0), (0, -boxes[0].shape[1] % PATCH))
@@ -129,8 +160,11 @@ def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Box
 
 
 @apart
-def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"]) -> Float[Array, " g"]:
-    """Return `crossing_limit` of every group past some branches, of boxes and movements (`_movement`)."""
+def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"], limit) -> Float[Array, " g"]:
+    """Return `crossing_limit` of every group past some branches, of boxes and movements (`_movement`).
+
+    At least `limit`.
+    """
     (middle, half), (centre, extent), (step, reach), (branch_step, branch_reach) = group, branch, ours, its
     way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
     spare = reach[None] + branch_reach[:, None]
@@ -144,7 +178,7 @@ def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"]) -> 
     for x in range(3):
         sizes = half[x][None] + extent[x][:, None]
         crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
-    return greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0))
+    return jnp.maximum(limit, greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0)))
 
 
 def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
@@ -201,7 +235,12 @@ def find_contacts(
     here = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
     words = _words(*boxes, here, surface)
     found = search(grouped, here, surface, tables.surface, words).triangle
-    contacts = _without_answers(found, last, limit, tables)
+    return _all_answered(_without_answers(found, last, limit, tables), local, surface, tables)
+
+
+@apart
+def _all_answered(contacts: Contacts, local: Float[Array, "3 n"], surface, tables) -> Contacts:
+    """Return the contacts with the points and directions of all that are known."""
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
         answer = _answered(made, to, *_asked(here, local, made.triangle), surface, tables)

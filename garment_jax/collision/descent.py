@@ -91,7 +91,7 @@ def _onto_planes(ahead: Float[Array, "3 m"], x, y, theta, direction, height, mov
     """
     short = jnp.maximum(height - dot(ahead, direction), 0.0)
     new = ahead + jnp.where(moving, short, 0.0)[None] * direction
-    uphill = jnp.vdot(y - new, new - x) > 0
+    uphill = dot(y - new, new - x).sum() > 0  # `vdot` takes six times as long
     theta = jnp.where(uphill, 1.0, theta)
     following = (1 + jnp.sqrt(1 + 4 * theta**2)) / 2
     beta = jnp.where(uphill, 0.0, (theta - 1) / following)

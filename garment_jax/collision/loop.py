@@ -52,17 +52,13 @@ def iterate(
     tables: CollisionTables,
     options,
 ) -> End:
-    """Return the end of a frame's loop, begun from the displacement `x`; without members it is not entered.
+    """Return the end of a frame's loop, begun from the displacement `x`; there must be members.
 
     `local`: V_f with its pins, relative to the surface's origin, metres, whose contacts are `first`.
     """
     sizes = region_sizes(tables, options.sizes)
     few = sum(size <= SMALL * sizes[-1] for size in sizes)
     loops = [part for part in (sizes[:few], sizes[few:]) if part]
-    none = jnp.zeros((), x.dtype)
-
-    def untouched() -> End:
-        return End(x, first, jnp.int32(0), none + jnp.inf, none)
 
     def solved(sizes: list[int]) -> End:
         region = make_region(members, tables, sizes[-1])
@@ -71,10 +67,8 @@ def iterate(
         objective = jnp.sqrt(2 * smoothness(end.now.x, region))
         return End(*_put_back(x, first, end.now.x, end.at, region), end.steps, end.moved, objective)
 
-    wanted = sum(
-        (members.count >= size).astype(jnp.int32) for size in (1, *(part[-1] for part in loops[:-1]))
-    )
-    return jax.lax.switch(wanted, [untouched, *(lambda part=part: solved(part) for part in loops)])
+    wanted = sum(((members.count >= part[-1]).astype(jnp.int32) for part in loops[:-1]), jnp.int32(0))
+    return jax.lax.switch(wanted, [lambda part=part: solved(part) for part in loops])
 
 
 @apart

@@ -69,13 +69,6 @@ def region_sizes(tables: CollisionTables, parts: tuple[float, ...]) -> list[int]
     return [*sorted(size for size in sizes if size < whole), whole]
 
 
-def nobody(tables: CollisionTables) -> Members:
-    """Return the members of no solve at all."""
-    n, whole = len(tables.index), whole_size(tables)
-    none = jnp.zeros(n, jnp.int32)
-    return Members(jnp.zeros(n, bool), jnp.zeros(whole, jnp.int32), none, jnp.int32(0))
-
-
 @apart
 def find_members(moving: Bool[Array, " n"], tables: CollisionTables) -> Members:
     """Return the moving vertices and their one-rings: an energy on these has the whole mesh's gradient."""

@@ -25,10 +25,10 @@ from garment_jax.geometry.strain_limit import StrainTables
 
 _MM = 1e3  # per metre
 # XLA on a CPU shares a loop out among threads from some microseconds on. A small garment's are hardly longer:
-# shared out they take a sixth longer, and half as much of the processor again; at 9,000 vertices it hardly
-# matters, at 30,000 it pays. No other compiler knows a pass of that name.
+# shared out they take a sixth longer, and half as much of the processor again; at 11,000 vertices still a
+# tenth to a sixth, at 30,000 it pays. No other compiler knows a pass of that name.
 _ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-_FEW = 8_000  # vertices
+_FEW = 12_000  # vertices
 # A minimum that need not tell of a NaN is one instruction in place of three: 4 % of a frame. Where a NaN
 # matters it is asked for by itself.
 _MINIMA = {"xla_cpu_enable_fast_min_max": True}
@@ -169,7 +169,8 @@ def _chosen(kept: Array, x: Array | float, y: Array) -> Array:
 
 @apart
 def _correction(V: Float[Array, "n 3"], v: Float[Array, "n 3"], free) -> Float[Array, "n 3"]:
-    correction = jnp.where(jnp.asarray(free)[:, None], V - v, 0.0)
+    kept = jnp.asarray(np.repeat(free[:, None], 3, axis=1).astype(V.dtype))
+    correction = kept * (V - v)
     return jnp.where(jnp.isfinite(correction), correction, 0.0)  # a NaN was left alone
 
 

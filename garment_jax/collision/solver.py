@@ -24,7 +24,7 @@ from garment_jax.collision.contacts import (
     probed,
 )
 from garment_jax.collision.loop import End, iterate
-from garment_jax.collision.region import Members, dilate, find_members, nobody
+from garment_jax.collision.region import Members, dilate, find_members
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart, materialised
@@ -78,38 +78,91 @@ def resolve_collisions(
     check_pins(pins, pin_positions)
     free = free_vertices(len(V_f), pins)
     surface = pose_surface(collider_vertices, tables.surface)
-    planes, local, finite = _placed(V_f, pins, pin_positions, surface)
-    grouped = in_groups(local, tables)
-    boxes = boxes_of(grouped)
-    limit = _first_limit(planes, boxes, free, finite, state, surface, tables, options)
-    first = find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
-    members, x = _begun(first, free, state.correction, tables, options)
-    end = iterate(local, x, first, members, surface, tables, options)
-    planes, V = _answer(planes, members.moving, end.x)
-    deepest_before, before = _depth(first, free)
-    deepest, after = _depth(end.at, free)
-    outcome = _outcome(end, members.count > 0, free, finite, options)
-    result = CollisionResult(
-        V=V,
-        deepest_before=deepest_before,
-        deepest_after=deepest,
-        penetrating_before=before,
-        penetrating_after=after,
-        steps=end.steps,
-        objective=end.objective,
-        converged=(outcome == Outcome.NOTHING_TO_DO) | (outcome == Outcome.CONVERGED),
-        outcome=outcome,
-        planes=_walls(end.at, free, surface.origin, options),
-    )
+    V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
+    first = _first_contacts(planes, local, free, finite, state, surface, tables, options)
+    contact = _in_contact(first, free, options)
+
+    def solved() -> tuple[CollisionResult, CollisionState]:
+        members, x = _begun(contact, free, state.correction, tables, options)
+        end = iterate(local, x, first, members, surface, tables, options)
+        return _told(planes, free, first, members.moving, end, state, surface, tables, options)
+
+    def untouched() -> tuple[CollisionResult, CollisionState]:
+        return _nothing_told(V, planes, finite, free, first, state, surface, options)
+
+    return jax.lax.cond(contact.any(), solved, untouched)
+
+
+@apart
+def _in_contact(first: Contacts, free, options) -> Bool[Array, " n"]:
+    return free & first.known & (first.ds < options.eps * (1 - options.slack))
+
+
+@apart
+def _told(
+    planes, free, first: Contacts, moving, end: End, state: CollisionState, surface, tables, options
+) -> tuple[CollisionResult, CollisionState]:
+    """Return the result of a frame that was solved, and the state for the next one."""
+    planes, V = _answer(planes, moving, end.x)
+    told = _figures(first, end, free, options)
+    walls = _walls(end.at, free, surface.origin, options)
     following = CollisionState(
         triangle=end.at.triangle,
         V=planes,
         collider=collider_of(surface),
         outside=_outside(state, first, end.at, free, tables),
-        correction=_moved_by(members.moving, end.x),
+        correction=_moved_by(moving, end.x),
+        frame=state.frame + 1,
+    )
+    return CollisionResult(V=V, **told, planes=walls), following
+
+
+@apart
+def _nothing_told(
+    V, planes, finite, free, first: Contacts, state: CollisionState, surface, options
+) -> tuple[CollisionResult, CollisionState]:
+    """Return the same where there is no contact, so nothing inside; the old state if not all is finite."""
+    none, count = jnp.zeros((), planes.dtype), jnp.int32(0)
+    outcome = jnp.where(finite, jnp.int32(Outcome.NOTHING_TO_DO), jnp.int32(Outcome.NOT_FINITE))
+    result = CollisionResult(
+        V=V,
+        deepest_before=none,
+        deepest_after=none,
+        penetrating_before=count,
+        penetrating_after=count,
+        steps=count,
+        objective=none,
+        converged=finite,
+        outcome=outcome,
+        planes=_walls(first, free, surface.origin, options),
+    )
+    following = CollisionState(
+        triangle=first.triangle,
+        V=planes,
+        collider=collider_of(surface),
+        outside=jnp.ones_like(state.outside),
+        correction=jnp.zeros_like(planes),
         frame=state.frame + 1,
     )
     return result, _if_finite(finite, following, state)
+
+
+@apart
+def _figures(first: Contacts, end: End, free, options) -> dict[str, Array]:
+    """Return all of `CollisionResult` but the garment and the planes."""
+    deepest_before, before = _depth(first, free)
+    deepest, after = _depth(end.at, free)
+    outcome = _outcome(end, free, options)
+    return {
+        "deepest_before": deepest_before,
+        "deepest_after": deepest,
+        "penetrating_before": before,
+        "penetrating_after": after,
+        "steps": end.steps,
+        "objective": end.objective,
+        "converged": outcome == Outcome.CONVERGED,
+        "outcome": outcome,
+    }
 
 
 def free_vertices(n: int, pins: Int[Array | np.ndarray, " p"] | None) -> Bool[Array | np.ndarray, " n"]:
@@ -132,16 +185,31 @@ def check_pins(pins, pin_positions) -> None:
 
 
 @apart
-def _placed(V_f, pins, pin_positions, surface: PosedSurface) -> tuple[Array, Array, Array]:
-    """Return the garment with its pins `[3, n]`, the same from the surface's origin, and if all is finite."""
-    planes = _planes_of(V_f if pins is None else V_f.at[pins].set(pin_positions))
+def _placed(V_f, pins, pin_positions, surface: PosedSurface) -> tuple[Array, Array, Array, Array]:
+    """Return the garment with its pins, `[n, 3]` and `[3, n]`, from the surface's origin, and if all is finite."""
+    V = V_f if pins is None else V_f.at[pins].set(pin_positions)
+    planes = _planes_of(V)
     finite = jnp.isfinite(planes).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
-    return planes, planes - surface.origin[:, None], finite
+    return V, planes, planes - surface.origin[:, None], finite
 
 
 @apart
 def _planes_of(V: Float[Array, "n 3"]) -> Float[Array, "3 n"]:
-    return V.T
+    return materialised(V.T)  # or each that reads it turns it anew
+
+
+@apart
+def _rows_of(planes: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
+    return materialised(planes.T)
+
+
+@apart
+def _first_contacts(planes, local, free, finite, state: CollisionState, surface, tables, options) -> Contacts:
+    """Return the contacts of a garment, searched for as far as they may be."""
+    grouped = in_groups(local, tables)
+    boxes = boxes_of(grouped)
+    limit = _first_limit(planes, boxes, free, finite, state, surface, tables, options)
+    return find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
 
 
 @apart
@@ -164,20 +232,18 @@ def _inside(at: Contacts, counted) -> Array:
 
 
 @apart
-def _outcome(end: End, solved, free, finite, options) -> Array:
+def _outcome(end: End, free, options) -> Array:
     lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
     outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
     missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
-    found = jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed)
-    untouched = jnp.where(finite, Outcome.NOTHING_TO_DO, Outcome.NOT_FINITE)
-    return jnp.where(solved, found, untouched).astype(jnp.int32)
+    return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
 
 
 @apart
 def _answer(planes: Float[Array, "3 n"], moving, x) -> tuple[Array, Array]:
     """Return the garment moved by `x`, `[3, n]` and `[n, 3]`; bitwise as it was where nothing moves."""
     planes = jnp.where(moving[None], planes + x, planes)
-    return planes, planes.T
+    return planes, _rows_of(planes)
 
 
 @apart
@@ -209,12 +275,7 @@ def _if_finite(finite, following: CollisionState, state: CollisionState) -> Coll
 
 
 @apart
-def _begun(first: Contacts, free, correction, tables, options) -> tuple[Members, Array]:
-    """Return what moves, if anything, and from where."""
-    contact = free & first.known & (first.ds < options.eps * (1 - options.slack))
-
-    def solve():
-        moving = dilate(contact, tables, options.rings) & free
-        return find_members(moving, tables), jnp.where(moving[None], correction, 0.0)
-
-    return jax.lax.cond(contact.any(), solve, lambda: (nobody(tables), jnp.zeros_like(correction)))
+def _begun(contact, free, correction, tables, options) -> tuple[Members, Array]:
+    """Return what moves, and from where."""
+    moving = dilate(contact, tables, options.rings) & free
+    return find_members(moving, tables), jnp.where(moving[None], correction, 0.0)

@@ -158,10 +158,19 @@ def _pseudo_normal(triangle, region, own: Float[Array, "3 n"], surface, tables) 
     edge = _edge_normal(own, _corners(beyond, surface.flat, tables))
     corner = _fan_normal(vertex, _fan_of(vertex, tables), surface.flat)
     if len(tables.wide):
-        wide = _fan_normal(jnp.asarray(tables.wide), jnp.asarray(tables.wide_fan), surface.flat)
-        place = jnp.asarray(tables.wide_place)[vertex]
-        corner = jnp.where((place >= 0)[None], wide[:, place], corner)
+        corner = _wide_too(corner, jnp.asarray(tables.wide_place)[vertex], surface.flat, tables)
     return jnp.where((region == 0)[None], own, jnp.where((region <= 3)[None], edge, corner))
+
+
+@apart
+def _wide_too(corner: Float[Array, "3 n"], place: Int[Array, " n"], flat, tables) -> Float[Array, "3 n"]:
+    """Return the normals of corners, those with a `place` among the widest made of all their triangles."""
+
+    def some() -> Array:
+        wide = _fan_normal(jnp.asarray(tables.wide), tables.wide_fan.transpose(2, 1, 0), flat)
+        return jnp.where((place >= 0)[None], wide[:, place], corner)
+
+    return jax.lax.cond((place >= 0).any(), some, lambda: corner)
 
 
 @apart
@@ -178,19 +187,19 @@ def _edge_normal(own: Float[Array, "3 n"], beyond: Float[Array, "3 3 n"]) -> Flo
 
 
 @apart
-def _fan_of(vertex: Int[Array, " n"], tables: SurfaceTables) -> Int[Array, "n k 2"]:
-    return jnp.asarray(tables.fan)[vertex]
+def _fan_of(vertex: Int[Array, " n"], tables: SurfaceTables) -> Int[Array, "2 k n"]:
+    return materialised(jnp.asarray(tables.fan)[vertex].transpose(2, 1, 0))
 
 
 @apart
 def _fan_normal(
-    vertex: Int[Array, " n"], fan: Int[Array, "n k 2"], flat: Float[Array, " c3"]
+    vertex: Int[Array, " n"], fan: Int[Array | np.ndarray, "2 k n"], flat: Float[Array, " c3"]
 ) -> Float[Array, "3 n"]:
     """Return the angle-weighted normals of vertices with the triangles `fan` around them.
 
     The weights are constants to a gradient: how a corner's angle changes is of no use to anyone.
     """
-    at, around = coordinates_of(vertex, flat), coordinates_of(fan.transpose(2, 1, 0), flat)
+    at, around = coordinates_of(vertex, flat), coordinates_of(fan, flat)
     return _unit(_weighted(at, around).sum(axis=1))
 
 

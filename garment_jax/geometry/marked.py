@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int, UInt32
 
-from garment_jax.geometry.apart import apart
+from garment_jax.geometry.apart import apart, materialised
 
 WORD = 32  # places whose marks share an integer
 
@@ -65,6 +65,8 @@ def _row_of(mark: Int[Array, " k"], up_to: Int[Array, " r"]) -> tuple[Int[Array,
 def _place_of(words: UInt32[Array, "r w"], row: Int[Array, " k"], rank: Int[Array, " k"]) -> Int[Array, " k"]:
     """Return the place of each row's mark number `rank`."""
     w = words.shape[1]
+    if w == 1:
+        return _place_in(words[row, 0], rank)
     count = jax.lax.population_count(words[row]).astype(jnp.int32)
     total = before = word = jnp.zeros_like(rank)
     for k in range(w):
@@ -72,7 +74,8 @@ def _place_of(words: UInt32[Array, "r w"], row: Int[Array, " k"], rank: Int[Arra
         passed = total <= rank
         word, before = word + passed, jnp.where(passed, total, before)
     word = jnp.minimum(word, w - 1)
-    return word * WORD + _place_in(words.reshape(-1)[row * w + word], rank - before)
+    # in one piece with the sums above, the halving is not done eight at a time
+    return word * WORD + _place_in(*materialised((words.reshape(-1)[row * w + word], rank - before)))
 
 
 def _place_in(value: UInt32[Array, " k"], rank: Int[Array, " k"]) -> Int[Array, " k"]:

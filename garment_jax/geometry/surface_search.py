@@ -101,11 +101,9 @@ def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> 
     `leaves`: coordinate, vertex, leaf. A patch of skin is flat: its box is several times thicker. Any normal
     is right, a good one is thin; with none at all (a leaf without area) nothing is excluded.
     """
-    height = dot(leaves, n.repeat(many, axis=1)[:, None])
-    low, high = (
-        height.min(axis=0).reshape(-1, many).min(axis=1),
-        height.max(axis=0).reshape(-1, many).max(axis=1),
-    )
+    height = materialised(dot(leaves, n.repeat(many, axis=1)[:, None]))
+    low, high = materialised((height.min(axis=0), height.max(axis=0)))
+    low, high = low.reshape(-1, many).min(axis=1), high.reshape(-1, many).max(axis=1)
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 
@@ -127,8 +125,14 @@ def search(
     differ by less than two millionths, either may be returned. Not differentiable.
     """
     words = _marks(points, limit, surface) if words is None else words
-    words, rows, limits = _rows(words, points, limit)
-    up_to, flat = marked_up_to(words), points.reshape(3, -1)
+    found = _tested(*_rows(words, points, limit), *_nothing_found(limit), points, surface, at_once)
+    return _nearest(*found, limit)
+
+
+@apart
+def _tested(words, rows, limits, key, where, points: Float[Array, "3 s g"], surface, at_once: int):
+    """Return the keys and the leaves of what is nearest; `at_once` of the pairs that are marked at a time."""
+    up_to, flat, shape = marked_up_to(words), points.reshape(3, -1), points.shape[1:]
 
     def pairs(state):
         at, key, where = state
@@ -139,7 +143,7 @@ def search(
         def tests(state):
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
-            point, its, target = _named(pair, place, valid, group, branch, limit.shape)
+            point, its, target = _named(pair, place, valid, group, branch, shape)
             found = _nearest_in(flat, point, surface.corners, its)
             return at + TESTS, *_noted(key, where, found, its, target, valid)
 
@@ -148,9 +152,8 @@ def search(
         )
         return at + at_once, key, where
 
-    start = (jnp.int32(0), *_nothing_found(limit))
-    _, key, where = jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)
-    return _nearest(key, where, limit)
+    start = jnp.int32(0), key, where
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)[1:]
 
 
 @apart

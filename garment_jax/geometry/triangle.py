@@ -108,7 +108,9 @@ def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t
     ab, ac, bc, pa, pb = minus(b, a), minus(c, a), minus(c, b), minus(p, a), minus(p, b)
     n = cross(ab, ac)
     n2 = dot(n, n)
-    inside = (dot(cross(ab, pa), n) >= 0) & (dot(cross(bc, pb), n) >= 0) & (dot(cross(pa, ac), n) >= 0)
+    m = cross(pa, n)
+    toward_c, toward_b = dot(ab, m), -dot(ac, m)  # n2 times the foot point's barycentric coordinates
+    inside = (toward_b >= 0) & (toward_c >= 0) & (toward_b + toward_c <= n2)
     sine = n2 * _inverse(dot(ab, ab) * dot(ac, ac))
     height = dot(n, pa)
     edge = least(least(_to_edge(pa, ab), _to_edge(pa, ac)), _to_edge(pb, bc))

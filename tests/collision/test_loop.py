@@ -8,7 +8,7 @@ import pytest
 from garment_jax.collision import CollisionOptions, initial_state
 from garment_jax.collision.contacts import boxes_of, find_contacts, in_groups
 from garment_jax.collision.loop import SMALL, iterate
-from garment_jax.collision.region import dilate, find_members, nobody, region_sizes
+from garment_jax.collision.region import dilate, find_members, region_sizes
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.surface_search import pose_surface
 from tests.collision.cloth import SIDE, sheet, tables
@@ -18,27 +18,26 @@ EPS, RINGS = 2e-3, 1
 HOLDS = 0.15  # of the garment: the smaller loop's region
 
 
-@partial(jax.jit, static_argnames=("sizes", "still"))
-def looped(V, body, triangle, sizes: tuple[float, ...], *, still: bool = False):
+@partial(jax.jit, static_argnames="sizes")
+def looped(V, body, triangle, sizes: tuple[float, ...]):
     made = tables()[0]
     surface = pose_surface(body, made.surface)
     local = V.T - surface.origin[:, None]
     grouped = in_groups(local, made)
     everywhere = jnp.full(len(V), jnp.inf)
     first = find_contacts(local, grouped, triangle, everywhere, boxes_of(grouped), surface, made)
-    moving = dilate(first.known & (first.ds < EPS), made, RINGS)
-    members = nobody(made) if still else find_members(moving, made)
-    x = jnp.full_like(local, 1e-3) if still else jnp.zeros_like(local)
+    members = find_members(dilate(first.known & (first.ds < EPS), made, RINGS), made)
+    x = jnp.zeros_like(local)
     options = CollisionOptions(eps=EPS, sizes=sizes)
     return iterate(local, x, first, members, surface, made, options), first, members
 
 
-def at_height(height: float, sizes: tuple[float, ...], **settings):
+def at_height(height: float, sizes: tuple[float, ...]):
     """Return what `looped` does for a sheet at this height (metres) over the bumpy surface."""
     made, body, _ = tables()
     V, _ = sheet(height)
     triangle = initial_state(jnp.asarray(V), jnp.asarray(body), made.surface).triangle
-    return V, *looped(jnp.asarray(V), jnp.asarray(body), triangle, sizes, **settings)
+    return V, *looped(jnp.asarray(V), jnp.asarray(body), triangle, sizes)
 
 
 # metres: a few vertices inside, as many as the smaller region holds; and more than that
@@ -71,12 +70,3 @@ def test_the_loops_size_does_not_change_what_it_finds():
     np.testing.assert_allclose(small.x, whole.x, atol=1e-5)
     np.testing.assert_array_equal(small.at.known, whole.at.known)
     assert small.steps == whole.steps
-
-
-def test_without_members_nothing_is_done():
-    _, end, first, _ = at_height(0.16, (HOLDS,), still=True)
-    np.testing.assert_array_equal(end.x, np.float32(1e-3))
-    for last, now in zip(first, end.at, strict=True):
-        np.testing.assert_array_equal(now, last)
-    assert end.steps == 0
-    assert end.objective == 0
