@@ -30,7 +30,14 @@ from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.collision import CollisionOptions, Outcome, make_collider_tables, make_collision_tables
-from garment_jax.collision.sequence import FrameFigures, first_carry, join_figures, make_resolver
+from garment_jax.collision.sequence import (
+    Carry,
+    FrameFigures,
+    Resolver,
+    first_carry,
+    join_figures,
+    make_resolver,
+)
 from garment_jax.collision.sides import make_side_tables
 from garment_jax.collision.solid import everything
 from garment_jax.config import CollisionConfig
@@ -112,19 +119,26 @@ def read(path: Path, options: argparse.Namespace) -> Clip:
     return Clip(frames, make_collision_tables(garment.template, table, surface), settings)
 
 
+def calls_of(clip: Clip, size: int) -> list[tuple[jax.Array, ...]]:
+    """Return the frames of each call of `size`, on the device; what is left at the end is left out."""
+    starts = range(0, len(clip.frames[0]) - size + 1, size)
+    return [tuple(jnp.asarray(x[start : start + size]) for x in clip.frames) for start in starts]
+
+
+def begun(clip: Clip) -> tuple[Resolver, Carry]:
+    """Return the compiled function, and what goes before the first frame."""
+    V, _, collider, bones = clip.frames
+    start = [jnp.asarray(x[0]) for x in (V, collider, bones)]
+    fresh = first_carry(*start[:2], clip.tables, None if clip.settings["sides"] is None else start[2])
+    return make_resolver(clip.tables, **clip.settings), fresh
+
+
 def resolved(clip: Clip, size: int) -> tuple[np.ndarray, FrameFigures, float]:
     """Return each call's milliseconds a frame, the best of all passes, the figures, and the first's seconds.
 
     Calls are of `size` frames, of which there must be as many.
     """
-    resolve = make_resolver(clip.tables, **clip.settings)
-    pieces = [
-        tuple(jnp.asarray(x[start : start + size]) for x in clip.frames)
-        for start in range(0, len(clip.frames[0]) - size + 1, size)
-    ]
-    V, _, collider, bones = clip.frames
-    start = [jnp.asarray(x[0]) for x in (V, collider, bones)]
-    fresh = first_carry(*start[:2], clip.tables, None if clip.settings["sides"] is None else start[2])
+    pieces, (resolve, fresh) = calls_of(clip, size), begun(clip)
     began = time.perf_counter()
     jax.block_until_ready(resolve(fresh, *pieces[0]))
     first, wall, figures = time.perf_counter() - began, np.full((PASSES, len(pieces)), np.nan), []
