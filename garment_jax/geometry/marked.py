@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Int, UInt32
 from garment_jax.geometry.apart import apart, materialised
 
 WORD = 32  # places whose marks share an integer
+STEP = 32  # rows
 
 
 def pack(mask: Bool[Array, "r k"]) -> UInt32[Array, "r w"]:
@@ -52,11 +53,13 @@ def select(
 def _row_of(mark: Int[Array, " k"], up_to: Int[Array, " r"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
     """Return the row of each mark, by halving, and which of the row's it is; the last row beyond all."""
     r = len(up_to)
-    row = jnp.zeros_like(mark)
-    for bit in reversed(range(max(r - 1, 1).bit_length())):
+    passed = up_to[STEP - 1 :: STEP, None] <= mark[None]  # rows that end a step, all at once: they vectorise
+    row = STEP * passed.sum(axis=0, dtype=jnp.int32)
+    for bit in reversed(range(STEP.bit_length() - 1)):
         further = row + (1 << bit)
         ended = up_to.at[jnp.minimum(further, r) - 1].get(mode="promise_in_bounds") <= mark
         row = jnp.where(ended & (further < r), further, row)
+    row = jnp.minimum(row, r - 1)
     before = up_to.at[jnp.maximum(row - 1, 0)].get(mode="promise_in_bounds")
     return row, mark - jnp.where(row > 0, before, 0)
 
