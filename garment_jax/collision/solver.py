@@ -186,7 +186,7 @@ def check_pins(pins, pin_positions) -> None:
 
 @apart
 def _placed(V_f, pins, pin_positions, surface: PosedSurface) -> tuple[Array, Array, Array, Array]:
-    """Return the garment with its pins, `[n, 3]` and `[3, n]`, from the surface's origin, and if all is finite."""
+    """Return the garment with pins `[n, 3]`, `[3, n]`, from the surface's origin, and if all is finite."""
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
     planes = _planes_of(V)
     finite = jnp.isfinite(planes).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
