@@ -1,6 +1,7 @@
 """Which functions a frame of collision handling goes to, by sampling the compiled program (Linux, `perf`).
 
-    python benchmarks/kernels.py SEQUENCE.h5 [--solver-alone] [--whole-body] [--vertices N] [--json FILE]
+    python benchmarks/kernels.py SEQUENCE.h5 [--solver-alone] [--whole-body] [--vertices N] [--frames 192]
+        [--seconds 10] [--json FILE]
 
 The sequence, and the options, are those of `benchmarks/collision.py`. A tracer that notes the begin and the
 end of every operation takes longer than most of them; samples of the processor's place cost nothing. XLA
@@ -125,6 +126,10 @@ def sampled(call, seconds: float, folder: Path) -> list[tuple[int, str]]:
         call()
     recorder.terminate()
     recorder.wait()
+    if not data.exists() or not data.stat().st_size:
+        raise SystemExit(
+            "perf recorded nothing; see what `perf record -p` says (kernel.perf_event_paranoid)."
+        )
     script = ["perf", "script", "-i", str(data), "-F", "ip,sym,dso"]
     lines = subprocess.run(script, capture_output=True, text=True, check=True).stdout.splitlines()
     places = (re.match(r"\s*([0-9a-f]+).*\((.*?)\)$", line) for line in lines)
@@ -141,7 +146,7 @@ def shares(
         if k >= 0 and address < starts[k] + len(found[starts[k]].code):
             counts[names.get(found[starts[k]].name, "?")] += 1
         else:
-            counts["runtime" if "jax" in file else "other"] += 1
+            counts["runtime" if "jax" in Path(file).name else "other"] += 1
     return {name: count / len(samples) for name, count in counts.most_common()}
 
 
@@ -161,9 +166,13 @@ def main() -> None:
         raise SystemExit("perf is not to be found; install linux-perf (Debian) or linux-tools (Ubuntu).")
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        os.environ["XLA_FLAGS"] = f"--xla_dump_to={folder} --xla_dump_hlo_module_re=jit_resolve"
+        dump = f"--xla_dump_to={folder} --xla_dump_hlo_module_re=jit_resolve"
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {dump}"
+        jax.config.update("jax_enable_compilation_cache", False)  # what is only read back is not written
         clip = collision.read(options.sequence, options)
         calls = collision.calls_of(clip, STRETCH)
+        if len(calls) < 2:
+            raise SystemExit(f"{len(clip.frames[0])} frames to resolve; give {2 * STRETCH} or more.")
         resolve, carry = collision.begun(clip)
         ready = []
         for call in calls:

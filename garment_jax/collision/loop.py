@@ -52,7 +52,7 @@ def iterate(
     tables: CollisionTables,
     options,
 ) -> End:
-    """Return the end of a frame's loop, begun from the displacement `x`; there must be members.
+    """Return the end of a frame's loop, begun from the displacement `x`, for a frame with members.
 
     `local`: V_f with its pins, relative to the surface's origin, metres, whose contacts are `first`.
     """

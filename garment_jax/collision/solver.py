@@ -38,7 +38,7 @@ class CollisionOptions(NamedTuple):
     """Settings of the solver. Lengths in metres; all may be traced but `sizes`."""
 
     eps: float = 1e-3  # margin outside the body
-    slack: float = 0.05  # part of the margin that may be missing: the surface's curvature, and float32
+    slack: float = 0.05  # part of the margin, 0 to 1, that may be missing: the surface's curvature, float32
     reach: float = 2e-3  # vertices so much beyond the margin are kept from the body from the first step
     iterations: int = 20  # gradient steps at most
     refresh_every: int = 10  # gradient steps between two searches for correspondences
@@ -71,11 +71,12 @@ def resolve_collisions(
     the body or not. The descent begins from the last frame's correction. Failures are reported in the
     result (`outcome`, `MESSAGES`), never raised.
 
-    Pure; works under `jit`, `vmap` and `jvp`. There is no reverse-mode gradient, for the iteration is a
-    `while_loop`: `penetration` is the form to differentiate, in a training loss for example.
+    Pure; works under `jit` and `vmap`, in the widest floating-point type of what is given. No gradient,
+    for the iteration is a `while_loop`: `penetration` is the form to differentiate, in a training loss.
     Raises `ValueError` unless `pins` and `pin_positions` come together and are as many.
     """
     check_pins(pins, pin_positions)
+    V_f, collider_vertices, state = _of_one_kind(V_f, collider_vertices, state)
     free = free_vertices(len(V_f), pins)
     surface = pose_surface(collider_vertices, tables.surface)
     V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
@@ -93,9 +94,18 @@ def resolve_collisions(
     return jax.lax.cond(contact.any(), solved, untouched)
 
 
+def _of_one_kind(V_f, collider_vertices, state: CollisionState) -> tuple[Array, Array, CollisionState]:
+    """Return the same in the widest of their floating-point types: both ends of a frame must agree in it."""
+    kind = jnp.result_type(V_f, collider_vertices, state.V, state.collider, state.correction)
+    V, collider, correction = (jnp.asarray(x, kind) for x in (state.V, state.collider, state.correction))
+    state = state._replace(V=V, collider=collider, correction=correction)
+    return jnp.asarray(V_f, kind), jnp.asarray(collider_vertices, kind), state
+
+
 @apart
 def _in_contact(first: Contacts, free, options) -> Bool[Array, " n"]:
-    return free & first.known & (first.ds < options.eps * (1 - options.slack))
+    """Return the vertices within the margin, and all that are inside."""
+    return free & first.known & (first.ds < jnp.maximum(options.eps * (1 - options.slack), 0.0))
 
 
 @apart

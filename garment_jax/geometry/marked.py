@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Int, UInt32
 from garment_jax.geometry.apart import apart, materialised
 
 WORD = 32  # places whose marks share an integer
-STEP = 32  # rows
+STEP = 32  # rows that are passed at once, a power of two
 
 
 def pack(mask: Bool[Array, "r k"]) -> UInt32[Array, "r w"]:
@@ -51,7 +51,7 @@ def select(
 
 @apart
 def _row_of(mark: Int[Array, " k"], up_to: Int[Array, " r"]) -> tuple[Int[Array, " k"], Int[Array, " k"]]:
-    """Return the row of each mark, by halving, and which of the row's it is; the last row beyond all."""
+    """Return the row of each mark, by steps and halves, and which of the row's it is; the last beyond all."""
     r = len(up_to)
     passed = up_to[STEP - 1 :: STEP, None] <= mark[None]  # rows that end a step, all at once: they vectorise
     row = STEP * passed.sum(axis=0, dtype=jnp.int32)

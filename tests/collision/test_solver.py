@@ -117,6 +117,22 @@ def test_nothing_to_do_returns_the_input_bitwise():
     assert state.triangle.shape == (len(V),)
 
 
+def test_what_is_given_in_fewer_digits_is_resolved_in_the_bodys():
+    made, body, _ = tables()
+    V = jnp.asarray(sheet(0.35)[0], jnp.float16)
+    state = initial_state(V.astype(jnp.float32), jnp.asarray(body), made.surface)
+    result, following = jax.jit(partial(resolve_collisions, tables=made))(V, jnp.asarray(body), state)
+    assert result.V.dtype == following.V.dtype == jnp.float32
+    np.testing.assert_array_equal(result.V, V.astype(jnp.float32))
+
+
+def test_what_is_inside_is_a_contact_whatever_part_of_the_margin_may_be_missing(pierced):
+    result, _ = run(pierced, slack=100.0)
+    assert result.penetrating_before > 3
+    assert result.penetrating_after == 0
+    assert result.outcome != Outcome.NOTHING_TO_DO
+
+
 def test_solving_again_changes_nothing(pierced):
     once, _ = run(pierced)
     twice, _ = run(np.asarray(once.V))
