@@ -3,8 +3,8 @@
     python benchmarks/swing_from_simulation.py MODEL CLIP... --pattern FLAT --cloth KEY=VALUE ... --out MODEL2
 
 Motions are made out of CLIPs' (the training clips but those kept back: cloth is not read) as `garment-jax
-simulate --vary` makes them, ten kinds by turns, one of them as they are; `--clips` of them at most, in waves
-of `--at-once`, for `--simulate` seconds. Clips whose cloth bunched or was stretched are left out
+simulate --vary` makes them, twelve kinds by turns, one of them as they are; `--clips` of them at most, in
+waves of `--at-once`, for `--simulate` seconds. Clips whose cloth bunched or was stretched are left out
 (`screening.py`'s limits; penetration and self-intersections are not looked at). Of the others a ring's frames
 and cells are kept, with their mirror images, and the stage's own step is taken on them, `swing.steps`
 windows. MODEL gives everything else. Each `--set` trains a ring, one after the other: OUT, OUT_2, ... With
@@ -57,6 +57,8 @@ KINDS = (  # (clips that the motion is made of, variation)
     (3, WIDE._replace(turn=(-40, 40))),
     (1, Variation(tempo=(1, 1), legs=(1, 1), turn=(0, 0), begin=(0, 0))),  # as it was danced
     (1, Variation()),
+    (3, Variation(turn=(-60, 60), kicks=(2, 6))),
+    (1, Variation(turn=(-60, 60), spins=(0, 0.7), kicks=(2, 6))),
 )
 
 
@@ -94,7 +96,7 @@ def say(text: str) -> None:
     print(f"{time.perf_counter() - BEGAN:.0f} s: {text}", flush=True)
 
 
-def _begin(sources: Sources) -> None:
+def begin_worker(sources: Sources) -> None:
     """Set a worker up; it must not take any of the GPU."""
     global _known, _tables
     os.environ["CUDA_VISIBLE_DEVICES"] = ""
@@ -146,19 +148,25 @@ def _as_learnt(motion: Motion, V: np.ndarray) -> Packed:
     return Packed(frames, np.where(_tables.filled[..., None] > 0, cells, _tables.typical))
 
 
-def simulated(sources: Sources, options: argparse.Namespace) -> tuple[list[Packed], dict]:
-    """Return the clips to learn from, and what was done to have them."""
+def simulated(
+    known: Any,
+    options: argparse.Namespace,
+    begin: Callable[[Any], None] = begin_worker,
+    pack: Callable[[Motion, np.ndarray], list] = packed,
+) -> tuple[list, dict]:
+    """Return the clips to learn from, packed by `pack` in workers that `begin` sets up, and what was done."""
     from garment_jax.progress import FrameProgress
     from garment_jax.simulation.command import cloth_settings, read_pattern
     from garment_jax.simulation.newton_cloth import drape
     from garment_jax.simulation.side_by_side import SideBySide
 
+    sources = getattr(known, "sources", known)
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
     kept, seconds, done, frames = [], 0.0, 0, 0
     began = time.perf_counter()
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.workers, context, _begin, (sources,)) as pool:
+    with ProcessPoolExecutor(options.workers, context, begin, (known,)) as pool:
         motions = [pool.submit(made_motion, k) for k in range(options.clips)]
         draped = drape(sources.scene, settings, flat=flat)
         cloths = SideBySide(sources.scene, settings, flat, options.at_once, options.device)
@@ -169,7 +177,7 @@ def simulated(sources: Sources, options: argparse.Namespace) -> tuple[list[Packe
             with FrameProgress(f"clips {done + 1} to {done + len(wave)}") as progress:
                 V = cloths.simulate(wave, drape=draped, progress=progress)
             seconds += time.perf_counter() - start
-            packing += [pool.submit(packed, *clip) for clip in zip(wave, V, strict=True)]
+            packing += [pool.submit(pack, *clip) for clip in zip(wave, V, strict=True)]
             if options.keep and not done:
                 _write(sources.scene, wave, V, options.keep)
             done, frames = done + len(wave), frames + sum(map(len, V))
@@ -311,10 +319,8 @@ def train(
             save(jax.device_get(state.params), k)  # a machine that is lent may be gone before the end
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("model", type=Path)
-    parser.add_argument("sources", nargs="+", type=Path, metavar="clip")
+def add_simulation(parser: argparse.ArgumentParser) -> None:
+    """Add what says how clips are made and simulated, and where the result goes."""
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--pattern", type=Path)
     parser.add_argument("--cloth", nargs="*", default=[])
@@ -324,9 +330,16 @@ def main() -> None:
     parser.add_argument("--longest", type=int, default=350)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--simulate", type=float, default=np.inf, help="seconds")
-    parser.add_argument("--set", nargs="+", action="append", metavar="KEY=VALUE", help="of [swing]")
     parser.add_argument("--seed", type=int, default=811)
     parser.add_argument("--keep", type=Path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("model", type=Path)
+    parser.add_argument("sources", nargs="+", type=Path, metavar="clip")
+    add_simulation(parser)
+    parser.add_argument("--set", nargs="+", action="append", metavar="KEY=VALUE", help="of [swing]")
     options = parser.parse_args()
 
     from garment_jax.config import apply_overrides
