@@ -154,34 +154,25 @@ def lipschitz(table: LaplacianTable, back: np.ndarray, *, steps: int = 60) -> fl
     return 1.05 * value
 
 
-def elastic_gradient(
-    x: Float[Array, "3 n"], edges: Edges, tables: ElasticTables, longest: Edges | None = None
-) -> Float[Array, "3 n"]:
-    """Return the energy's gradient at the displacement `x` (metres) of a mesh with `edges` (`edges_of`).
-
-    Edges may be as long as `longest` (`[k, m]` of each band, metres) at no cost; their rest lengths if None.
-    """
+def elastic_gradient(x: Float[Array, "3 n"], edges: Edges, tables: ElasticTables) -> Float[Array, "3 n"]:
+    """Return the energy's gradient at the displacement `x` (metres) of a mesh with `edges` (`edges_of`)."""
     around = _neighbours(x, tables)  # gathered once for both
     r = _laplacian(around, x, tables, [band.weight for band in tables.bands])
     bent = _laplacian(_neighbours(r, tables), r, tables, [band.weight_back for band in tables.bands])
     pulled = [
-        _pull(own, edges[b], around[b], band, tables.crushed, None if longest is None else longest[b])
-        for b, (band, own) in enumerate(_own(x, tables))
+        _pull(own, edges[b], around[b], band, tables.crushed) for b, (band, own) in enumerate(_own(x, tables))
     ]
     return _together(bent, x, pulled, tables)
 
 
 @apart
-def _pull(own: Float[Array, "3 m"], edges, around, band: Band, crushed, longest) -> Float[Array, "3 m"]:
+def _pull(own: Float[Array, "3 m"], edges, around, band: Band, crushed) -> Float[Array, "3 m"]:
     """Return the gradient of one band's stretching, per unit of `spring`."""
     pull = jnp.zeros_like(own)
     for k in range(len(band.index)):
         e = edges[:, k] + own - around[:, k]
         length = jnp.sqrt(jnp.maximum(dot(e, e), NO_LENGTH**2))
-        wanted = jnp.asarray(band.rest[k])
-        if longest is not None:
-            wanted = jnp.clip(length, wanted, longest[k])
-        pull = pull + jnp.maximum(1 - wanted / length, 1 - crushed)[None] * e
+        pull = pull + jnp.maximum(1 - jnp.asarray(band.rest[k]) / length, 1 - crushed)[None] * e
     return pull
 
 
@@ -194,11 +185,6 @@ def edges_of(P: Float[Array, "3 n"], tables: ElasticTables) -> Edges:
     """Return the ways from every vertex' neighbours to it, metres; 0 where padded."""
     pairs = zip(_own(P, tables), _neighbours(P, tables), strict=True)
     return tuple(own[:, None] - around for (_, own), around in pairs)
-
-
-def lengths_of(edges: Edges) -> Edges:
-    """Return the lengths `[k, m]` of the edges of each band, metres."""
-    return tuple(jnp.sqrt(dot(e, e)) for e in edges)
 
 
 @apart

@@ -1,11 +1,11 @@
-"""Edges that are too short brought back to their lengths: what a blurred fold has lost is a fold again.
+"""Edges brought back to their lengths: what a blurred fold has lost is a fold again.
 
 Not in the paper. Cloth hardly stretches and hardly shrinks, while a network that cannot know where a fold
 lies predicts the mean of all places: a smooth surface whose edges are too short, by 3 % in the mean and 30 %
 across a deep fold. The displacement that gives them their lengths back, small and of short waves, is a fold
 where the prediction has room for one (wrinkle meshes: Mueller and Chentanez 2010). A few accelerated gradient
 steps a frame on the elastic energy; each frame goes on from the last one's displacement, so that folds stay
-where they are. Edges that the networks have stretched may stay as long, as in tight cloth, and get no longer.
+where they are. Edges that are too long, beside the pins most of all, are drawn together by the same steps.
 As attachment it comes after the networks and is not fed back; collision handling comes after it.
 """
 
@@ -24,7 +24,6 @@ from garment_jax.geometry.elastic import (
     disordered,
     edges_of,
     elastic_gradient,
-    lengths_of,
     make_elastic_tables,
     ordered,
 )
@@ -102,14 +101,12 @@ def make_length_restorer(
 def restore_lengths(
     V: Float[Array, "n 3"], state: LengthState, free: Bool[Array, " n"], tables: ElasticTables
 ) -> tuple[Float[Array, "n 3"], LengthState, jax.Array]:
-    """Return `V` (metres, root frame) with no edge much shorter than it is, the state, and the steps taken.
+    """Return `V` (metres, root frame) with its edges nearer to their lengths, the state, and the steps taken.
 
     Only `free` vertices move. A frame with a NaN comes back as it is and is forgotten.
     """
     P, finite = ordered(V.T, tables), jnp.isfinite(V).all()
     edges, movable = edges_of(P, tables), ordered(free, tables)
-    pairs = zip(lengths_of(edges), tables.bands, strict=True)
-    longest = tuple(jnp.maximum(length, band.rest) for length, band in pairs)
 
     def moving(carry):
         _, _, _, moved, steps = carry
@@ -117,7 +114,7 @@ def restore_lengths(
 
     def step(carry):
         x, y, theta, _, steps = carry
-        downhill = elastic_gradient(y, edges, tables, longest) / tables.lipschitz
+        downhill = elastic_gradient(y, edges, tables) / tables.lipschitz
         new, y, theta = accelerated(jnp.where(movable[None], y - downhill, 0.0), x, y, theta)
         return new, y, theta, jnp.square(new - x).sum(axis=0).max(), steps + 1
 
