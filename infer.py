@@ -12,9 +12,7 @@ def main() -> int:
     parser.add_argument("--out", help="sequence file to write")
     parser.add_argument("--no-swing", action="store_true", help="move by codes alone, the paper's way")
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
-    parser.add_argument(
-        "--no-lengths", action="store_true", help="leave edges as short as the networks have them"
-    )
+    parser.add_argument("--no-lengths", action="store_true", help="leave edges as the networks have them")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
     parser.add_argument(
         "--preroll", type=int, default=0, help="frames from the canonical pose before the first"

@@ -8,8 +8,9 @@ components, our linearised garment. `train` makes clips out of CLIPs' motions an
 `swing_from_simulation.py` does (its options; nothing is written but with `--keep`), and then trains, each for
 its `--seconds`: our motion encoder (`warm_up`, then `codes` through the decoders), our ring (`swing`), Pan's
 two networks (`bones`, `residual`), Santesteban's. Ours go on from MODEL, whose generative model stays; the
-others begin anew. Every learning rate falls to nothing in its seconds. OUT/ours, OUT/pan and OUT/santesteban
-are saved models. Needs the extra `sim`.
+others begin anew. Every learning rate falls to 1 % in its seconds; `--set` changes MODEL's configuration.
+OUT/ours is a saved model; OUT/pan/model and OUT/santesteban/model are what the baselines load. With
+JAX_COMPILATION_CACHE_DIR the steps are compiled beside the simulation. Needs the extra `sim`.
 """
 
 import argparse
@@ -93,11 +94,6 @@ def begin_worker(knowledge: Knowledge) -> None:
     W = canonical_weights(scene, config)
     assert W is not None
     _all, _fixed = knowledge, (W, closest_weights(scene), joints)
-
-
-def made_motion(k: int) -> Motion:
-    """Return the k-th motion."""
-    return clips_of.made_motion(k)
 
 
 def packed(motion: Motion, V: np.ndarray) -> list[Learnt]:
@@ -194,7 +190,7 @@ def _template(model: Any, scene: Any) -> Any:
 
 
 def optimiser_of(weight_decay: float) -> Any:
-    """Return the package's optimiser with a learning rate that is set from outside."""
+    """Return AdamW, clipped to a norm of 1, with a learning rate that is set from outside."""
     import optax
 
     adam = optax.inject_hyperparams(optax.adamw)(learning_rate=0.0, weight_decay=weight_decay)
@@ -573,6 +569,18 @@ def places_at(name: str, clips: list[int], knowledge: Knowledge) -> Callable[[in
     return at
 
 
+def seconds_of(pairs: list[str]) -> dict[str, float]:
+    """Return the seconds of each stage; raises `ValueError` for one that is not there or lacks another."""
+    given = dict(pair.split("=") for pair in pairs)
+    for name in given:
+        if name not in STAGES:
+            raise ValueError(f"--seconds {name} is no stage; choose from {', '.join(STAGES)}.")
+    wanted = SECONDS | {name: float(value) for name, value in given.items()}
+    if wanted["residual"] and not wanted["bones"]:
+        raise ValueError("--seconds bones=0 leaves the residual nothing to correct; give residual=0, too.")
+    return wanted
+
+
 def train(knowledge: Knowledge, options: argparse.Namespace) -> None:
     """Simulate, train all that is wanted, save."""
     import jax
@@ -581,7 +589,7 @@ def train(knowledge: Knowledge, options: argparse.Namespace) -> None:
     from garment_jax.rollout.model import Model, save_model
     from garment_jax.swing.tables import seen_body
 
-    wanted = SECONDS | {key: float(value) for key, value in (pair.split("=") for pair in options.seconds)}
+    wanted = seconds_of(options.seconds)
     aside = None
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         context = multiprocessing.get_context("spawn")
@@ -617,7 +625,7 @@ def train(knowledge: Knowledge, options: argparse.Namespace) -> None:
         folder = options.out / {"bones": "pan", "residual": "pan"}.get(name, name) / "model"
         folder.parent.mkdir(parents=True, exist_ok=True)
         other = Model(config, params, model.statistics, model.garment_hash, model.vertices, model.fps)
-        save_model(other, folder)
+        save_model(other, folder, bits=32)
 
     for name in STAGES:
         if name not in stages:

@@ -8,7 +8,8 @@ it. Each CLIP is simulated again with `--turns` - 1 other turns, evenly spread (
 and the cloth back). RMSE in cm over vertices and frames: "own turn" is the clip simulated again as it was,
 "others" the mean of a single other one, "mean of others" their mean frame by frame, the best guess without
 the turn, and "without the turn" that divided by sqrt(1 + 1 / (turns - 1)), as of infinitely many. The last
-columns are the clip's first and last third, by that guess. `--keep` makes it resumable.
+columns are the clip's first and last third, by that guess, and its drift as `garment-jax evaluate` has it.
+`--keep` makes it resumable: a folder of one cloth and pattern, a file a simulation.
 """
 
 import argparse
@@ -20,6 +21,8 @@ from measured import report
 
 from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.data.sequence import open_sequence
+from garment_jax.evaluation.drift import drift, skinned_template, skinning_weights
+from garment_jax.evaluation.rmse import rmse_per_frame
 from garment_jax.structs import Motion
 
 
@@ -51,8 +54,8 @@ def again(path: Path, angle: float, options: argparse.Namespace) -> np.ndarray:
     return V
 
 
-def judged(truth: np.ndarray, runs: list[np.ndarray]) -> dict[str, float]:
-    """Return the figures of a clip from `runs`, the first with its own turn."""
+def judged(truth: np.ndarray, skinned: np.ndarray, runs: list[np.ndarray]) -> dict[str, float]:
+    """Return the figures of a clip from `runs`, the first with its own turn; `skinned`: its template."""
 
     def rmse(V: np.ndarray, frames: slice = slice(None)) -> float:
         square = np.square((V - truth)[frames]).sum(axis=-1)
@@ -69,6 +72,7 @@ def judged(truth: np.ndarray, runs: list[np.ndarray]) -> dict[str, float]:
         "without the turn": many * rmse(guess),
         "first third": many * rmse(guess, slice(third)),
         "last third": many * rmse(guess, slice(-third, None)),
+        "drift": drift(rmse_per_frame(guess, truth), rmse_per_frame(skinned, truth)),
     }
 
 
@@ -91,8 +95,10 @@ def main() -> None:
         runs = {p: [pool.submit(again, p, angle, options) for angle in angles] for p in options.clips}
         for path, futures in runs.items():
             with open_sequence(path) as clip:
-                truth = clip.read(0, clip.frames)
-            rows.append({"clip": path.stem, **judged(truth, [future.result() for future in futures])})
+                truth, whole = clip.read(0, clip.frames), slice(0, clip.frames)
+                skinned = skinned_template(clip.scene, clip.motion, skinning_weights(clip.scene), whole)
+            found = [future.result() for future in futures]
+            rows.append({"clip": path.stem, **judged(truth, skinned, found)})
     means = {key: float(np.mean([row[key] for row in rows])) for key in list(rows[0])[1:]}
     rows.append({"clip": "mean", **means})
     report(

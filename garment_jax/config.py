@@ -181,7 +181,7 @@ class TrainingConfig:
 @dataclass(frozen=True)
 class RolloutConfig:
     chunk: int = 256  # frames per compiled piece
-    lengths: bool = True  # bring edges that are too short back to their lengths: blurred folds come back
+    lengths: bool = True  # bring edges back to their lengths: blurred folds come back
     swing: float = 0.6  # part of the way from the codes to the swing that the cloth goes
     gain: float = 1.0  # of what the corrected cloth swings out: a mean of all it may do swings too little
     reach: float = (

@@ -60,7 +60,7 @@ def make_runner(
     """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment.
 
     `collision`: handle limbs and collisions as for ours; without it they are left as they come, and so are
-    edges that are too short without `lengths`.
+    edges without `lengths`.
     """
     chunk, known = model.config.rollout.chunk, dict[str, _Compiled]()
     config = replace(model.config, rollout=replace(model.config.rollout, lengths=lengths))

@@ -48,7 +48,7 @@ def make_finisher(
     """Return a function (motion, its root `[t, 3]` float64 metres, its yaw `[t]`) that begins it: a `Finish`.
 
     Pinned vertices are the body's, and the cloth beside them follows
-    (`attachment`); edges that are too long are brought back (`strain_limit`), and those that are too short
+    (`attachment`); edges that are far too long are brought back (`strain_limit`), and all of them
     where the configuration says so (`edge_lengths`); with `collision`, limbs and collisions are handled as
     `config.collision` says. What comes before collisions runs a chunk ahead, on another
     thread, and the networks a chunk ahead of that, on a third; these know nothing of this one's JAX settings

@@ -24,7 +24,7 @@ class ScenePlan(NamedTuple):
     swing: bool  # the swing corrects the codes
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
-    lengths: bool  # edges that are too short come back to their lengths
+    lengths: bool  # edges that are too short or too long come back to their lengths
     collision: bool
     out_of_reach: bool  # collision is wanted, and a distance bound says that there is none
     why: dict[str, str]  # a sentence for each of the five

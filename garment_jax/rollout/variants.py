@@ -22,7 +22,7 @@ class Variant(NamedTuple):
 
     detail: bool = True
     collision: bool = True
-    lengths: bool = True  # edges that are too short come back to their lengths
+    lengths: bool = True  # edges that are too short or too long come back to their lengths
     swing: bool = True  # where the model has one
     iterations: int | None = None  # of the collision solver at most; None: the model's
     rank: int | None = None  # of D_rec's last layer; None: the model's
@@ -120,7 +120,7 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
 
 def without_lengths(model: Model) -> Model:
-    """Return the model whose rollouts leave edges as short as the networks have them."""
+    """Return the model whose rollouts leave edges as the networks have them."""
     return model._replace(config=lengths_off(model.config))
 
 
