@@ -34,7 +34,6 @@ from garment_jax.body.garment_skinning import closest_weights, garment_transform
 from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.motion_features import chosen_joints, motion_features
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import canonical_weights
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.structs import FrameInput, Motion, TrainState
@@ -671,13 +670,7 @@ def main() -> None:
         LANES.update(dict.fromkeys(LANES, options.lanes))
     model = trained_model(options.model)
     model = model._replace(config=apply_overrides(model.config, [f"--{pair}" for pair in options.set]))
-    motions, scene = [], None
-    for path in options.sources:
-        with open_sequence(path) as clip:
-            scene = scene or clip.scene
-            motions.append(clip.motion)
-    assert scene is not None
-    sources = Sources(scene, motions, model.config.swing, options.seed, options.longest)
+    sources = clips_of.read_sources(options, model.config.swing)
     with np.load(options.known) as stored:
         known = {name: stored[name] for name in stored.files}
     train(Knowledge(sources, model, known), options)

@@ -334,6 +334,17 @@ def add_simulation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--keep", type=Path)
 
 
+def read_sources(options: argparse.Namespace, config: SwingConfig) -> Sources:
+    """Return the motions that clips are made out of, and their scene, the first clip's."""
+    motions, scene = [], None
+    for path in options.sources:
+        with open_sequence(path) as clip:
+            scene = scene or clip.scene
+            motions.append(clip.motion)
+    assert scene is not None
+    return Sources(scene, motions, config, options.seed, options.longest)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("model", type=Path)
@@ -351,13 +362,8 @@ def main() -> None:
     rings = [
         apply_overrides(model.config, [f"--swing.{pair}" for pair in pairs]) for pairs in options.set or [[]]
     ]
-    motions, scene = [], None
-    for path in options.sources:
-        with open_sequence(path) as clip:
-            scene = scene or clip.scene
-            motions.append(clip.motion)
-    assert scene is not None
-    sources = Sources(scene, motions, rings[0].swing, options.seed, options.longest)
+    sources = read_sources(options, rings[0].swing)
+    scene = sources.scene
     cells = {(ring.swing.columns, ring.swing.rows) for ring in rings}
     if len(cells) > 1:
         parser.error(f"rings of one call see the same cells; {cells} (columns, rows) need a call each.")
