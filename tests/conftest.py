@@ -35,3 +35,12 @@ def shared_data() -> Path:
     if not (path / "skirt").is_dir():
         pytest.skip(f"no shared data at {path}; set GARMENT_JAX_SHARED to the folder that holds skirt/")
     return path
+
+
+@pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """The folder of small files that once went wrong, each with a README, or a skip."""
+    path = Path(os.environ.get("GARMENT_JAX_SHARED", ROOT.parent / "shared" / "data")).parent / "cases"
+    if not path.is_dir():
+        pytest.skip(f"no shared cases at {path}; set GARMENT_JAX_SHARED to the folder data/ beside them")
+    return path

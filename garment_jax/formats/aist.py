@@ -32,6 +32,6 @@ def read_aist(path: str | Path, content: Any = None) -> SmplMotion:
     poses = read_poses(content["smpl_poses"], "smpl_poses", path)
     translation = read_translation(content["smpl_trans"], "smpl_trans", len(poses), path)
     scaling = check_numbers(content["smpl_scaling"], "smpl_scaling", path)
-    if scaling.size != 1 or not scaling.reshape(()) > 0:
+    if scaling.size != 1 or not scaling.item() > 0:
         raise ValueError(f"{path}: 'smpl_scaling' must be one number above 0; copy the file again.")
-    return SmplMotion(poses, translation / float(scaling.reshape(())), None, _FPS, 1.0, "Y")
+    return SmplMotion(poses, translation / scaling.item(), None, _FPS, 1.0, "Y")

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.formats.number_arrays import number_array
 from garment_jax.formats.smpl import JOINT_NAMES
 
 
@@ -51,23 +52,21 @@ def read_translation(translation: Any, name: str, frames: int, path: Path) -> np
 
 
 def check_numbers(array: Any, name: str, path: Path) -> np.ndarray:
-    """Return an array as float64; `ValueError` for anything but finite numbers, and for none."""
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
-        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
-        raise ValueError(f"{path}: {name!r} is of type {kind}, not an array of numbers; save it as one.")
+    """Return finite numbers as a float64 array of their own; `ValueError` for anything else, and for none."""
+    array = np.array(number_array(array, name, path), np.float64)
     if not array.size:
         raise ValueError(f"{path}: {name!r} has shape {array.shape}; there is nothing in it.")
-    array = array.astype(np.float64)
-    if not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array.reshape(len(array), -1) if array.ndim else array))[0][0])
-        raise ValueError(f"{path}: {name!r} is not finite in frame {row}; cut that part out of the clip.")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        where = f" in frame {np.argwhere(bad)[0][0]}; cut that part out of the clip" if array.ndim else ""
+        raise ValueError(f"{path}: {name!r} is not finite{where or '; give its true value'}.")
     return array
 
 
 def check_rate(rate: Any, name: str, path: Path) -> float:
     """Return a rate in frames a second; `ValueError` for what is none."""
-    value = np.asarray(rate)
-    if value.size != 1 or value.dtype.kind not in "fiu" or not 1 <= float(value.reshape(())) <= 1e4:
-        shown = str(rate)[:40] if value.size == 1 else f"of shape {value.shape}"
+    value = number_array(rate, name, path)
+    if value.size != 1 or not 1 <= value.item() <= 1e4:
+        shown = f"{value.item():g}" if value.size == 1 else f"of shape {value.shape}"
         raise ValueError(f"{path}: {name!r} is {shown}, not 1 to 10000 frames a second; give its true rate.")
-    return float(value.reshape(()))
+    return float(value.item())

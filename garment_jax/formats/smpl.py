@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.formats.npz import npz_names, read_npz
+from garment_jax.formats.number_arrays import is_index, number_array
 from garment_jax.formats.pickles import load_pickle
 
 ARRAYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -111,11 +112,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _floats(arrays: dict[str, Any], name: str, shape: tuple[int | str, ...], path: Path) -> np.ndarray:
     """Return a finite array as float64; letters in `shape` stand for any size but 0."""
-    array = arrays[name]
-    found = array.shape if isinstance(array, np.ndarray) else None
-    if found is None or array.dtype.kind not in "fiu":
-        kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
-        raise ValueError(f"{path}: {name!r} is of type {kind}, not an array of numbers; save it as one.")
+    array = number_array(arrays[name], name, path)
+    found = array.shape
     sizes = zip(found, shape, strict=False)
     if len(found) != len(shape) or any(n != want if isinstance(want, int) else n == 0 for n, want in sizes):
         raise ValueError(f"{path}: {name!r} has shape {found}, expected {_spell(shape)}.")
@@ -144,18 +142,19 @@ def _shape_offsets(arrays: dict[str, Any], betas: np.ndarray | None, size: int, 
     return directions[:, :, : len(used)] @ used
 
 
-def _faces(faces: Any, size: int, path: Path) -> np.ndarray:
-    good = isinstance(faces, np.ndarray) and faces.dtype.kind in "iuf" and faces.ndim == 2 and len(faces)
-    if not good or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= size:
+def _faces(given: Any, size: int, path: Path) -> np.ndarray:
+    faces = number_array(given, "f", path)
+    if faces.ndim != 2 or not len(faces) or faces.shape[1] != 3 or not is_index(faces, size):
         raise ValueError(
             f"{path}: 'f' must be triangles [g, 3] of the {size} vertices; copy the model again."
         )
     return faces.astype(np.int32)
 
 
-def _parents(table: Any, count: int, path: Path) -> np.ndarray:
+def _parents(given: Any, count: int, path: Path) -> np.ndarray:
     """Return the parents of a table [2, j] of parents and ids; the root's is -1, or that without a sign."""
-    good = isinstance(table, np.ndarray) and table.dtype.kind in "iuf" and table.shape == (2, count)
+    table = number_array(given, "kintree_table", path)
+    good = table.shape == (2, count) and is_index(table[1], 2**32) and is_index(table[0, 1:], 2**32)
     column = {int(number): k for k, number in enumerate(table[1])} if good else {}
     parents = [-1, *(column.get(int(number), -1) for number in table[0, 1:])] if good else []
     if not good or any(not 0 <= parent < k for k, parent in enumerate(parents) if k):

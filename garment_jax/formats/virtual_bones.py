@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.formats.npz import npz_names, read_npz
+from garment_jax.formats.number_arrays import number_array
 from garment_jax.formats.rotation_vectors import SmplMotion, read_poses, read_translation
 
 
@@ -36,11 +37,10 @@ def read_virtual_bones(path: str | Path) -> VirtualBonesClip:
         )
     poses = read_poses(arrays["pose"], "pose", path)
     translation = read_translation(arrays["trans"], "trans", len(poses), path)
-    vertices = arrays["sim_res"]
-    if vertices.dtype.kind != "f" or vertices.ndim != 3 or vertices.shape[::2] != (len(poses), 3):
+    vertices = number_array(arrays["sim_res"], "sim_res", path)
+    if vertices.ndim != 3 or not vertices.size or vertices.shape[::2] != (len(poses), 3):
         raise ValueError(
-            f"{path}: 'sim_res' has shape {vertices.shape} of {vertices.dtype}; the poses ask for "
-            f"[{len(poses)}, n, 3]."
+            f"{path}: 'sim_res' has shape {vertices.shape}; the poses ask for [{len(poses)}, n, 3]."
         )
     motion = SmplMotion(poses, translation, None, None, None, "Z")
     return VirtualBonesClip(motion, vertices.astype(np.float32, copy=False))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.formats.number_arrays import is_index, number_array
 from garment_jax.formats.pickles import load_pickle
 from garment_jax.formats.rotation_vectors import SmplMotion, check_numbers, read_poses, read_translation
 
@@ -46,7 +47,8 @@ def read_vto(path: str | Path, content: Any = None) -> VtoClip:
     poses, translation, notes = _split(content, path) if long else _apart(content, path)
     betas = _betas(content, "shapes" if long else "shape", len(poses), path)
     motion = SmplMotion(poses, translation, betas[0], _FPS, 1.0, "Y", notes)
-    return VtoClip(motion, _vertices(content, len(poses), path), _faces(content, path), betas)
+    vertices = _vertices(content, len(poses), path)
+    return VtoClip(motion, vertices, _faces(content, vertices.shape[1], path), betas)
 
 
 def _need(content: dict, name: str, path: Path) -> Any:
@@ -93,26 +95,25 @@ def _unlikeness(angles: np.ndarray, translation: np.ndarray) -> float:
 
 
 def _betas(content: dict, name: str, frames: int, path: Path) -> np.ndarray:
-    betas = check_numbers(_need(content, name, path), name, path)
+    betas = np.atleast_1d(check_numbers(_need(content, name, path), name, path))
     if betas.ndim == 1:
-        betas = np.broadcast_to(betas, (frames, len(betas)))
+        betas = betas[None]
     if betas.ndim != 2 or len(betas) not in (1, frames):
         raise ValueError(f"{path}: {name!r} has shape {betas.shape}, expected [{frames}, 10].")
     return np.broadcast_to(betas, (frames, betas.shape[1]))
 
 
 def _vertices(content: dict, frames: int, path: Path) -> np.ndarray:
-    vertices = _need(content, "vertices", path)
-    good = isinstance(vertices, np.ndarray) and vertices.dtype.kind == "f" and vertices.ndim == 3
-    if not good or vertices.shape[2] != 3 or len(vertices) != frames:
-        shape = vertices.shape if isinstance(vertices, np.ndarray) else type(vertices).__name__
-        raise ValueError(f"{path}: 'vertices' has shape {shape}; the poses ask for [{frames}, n, 3].")
+    vertices = number_array(_need(content, "vertices", path), "vertices", path)
+    if vertices.ndim != 3 or not vertices.size or vertices.shape[::2] != (frames, 3):
+        raise ValueError(
+            f"{path}: 'vertices' has shape {vertices.shape}; the poses ask for [{frames}, n, 3]."
+        )
     return vertices
 
 
-def _faces(content: dict, path: Path) -> np.ndarray:
-    faces, vertices = _need(content, "faces", path), content["vertices"]
-    good = isinstance(faces, np.ndarray) and faces.dtype.kind in "iu" and faces.ndim == 2 and len(faces)
-    if not good or faces.shape[1] != 3 or faces.min() < 0 or faces.max() >= vertices.shape[1]:
-        raise ValueError(f"{path}: 'faces' must be triangles [f, 3] of the {vertices.shape[1]} vertices.")
+def _faces(content: dict, count: int, path: Path) -> np.ndarray:
+    faces = number_array(_need(content, "faces", path), "faces", path)
+    if faces.ndim != 2 or not len(faces) or faces.shape[1] != 3 or not is_index(faces, count):
+        raise ValueError(f"{path}: 'faces' must be triangles [f, 3] of the {count} vertices.")
     return faces.astype(np.int32)

@@ -1,6 +1,7 @@
 """What a check found: one row of the validator's table."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -47,3 +48,12 @@ def rows(name: str, indices: np.ndarray | list[int], *, shown: int = 3) -> str:
     several = {"vertex": "vertices"}.get(name, name + "s")
     more = " …" if len(listed) > shown else ""
     return f"{several if len(listed) > 1 else name} {', '.join(map(str, listed[:shown]))}{more}"
+
+
+def refusal(error: Exception, path: Path) -> Finding:
+    """Return a reader's sentence as a finding."""
+    text = str(error).removeprefix(str(path)).lstrip(": ").rstrip(".")
+    value, _, remedy = text.partition("; ")
+    if "packed for transport" in text:
+        return Finding("readable", "note", value, remedy=remedy or "import it first")
+    return Finding("readable", "error", value, remedy=remedy)

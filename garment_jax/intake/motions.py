@@ -139,7 +139,7 @@ def _read_track(
 ) -> _Track:
     suffix = path.suffix.lower()
     if suffix in (".npz", ".pkl"):
-        motion, size = _smpl_archive(path) if suffix == ".npz" else (_smpl_pickle(path), 0.0)
+        motion, size = read_smpl_motion(path)
         for note in motion.notes:
             say(f"{path}: {note}")
         settled = settle_unit(motion.unit, unit, size, f"{path}: the garment", "--motion-unit")
@@ -174,6 +174,14 @@ def _sequence(path: Path) -> _Track:
     return _Track(motion.rotations, motion.root, names, motion.fps)
 
 
+def read_smpl_motion(path: Path, content: Any = None) -> tuple[SmplMotion, float]:
+    """Return the motion of an `.npz` file or a pickle, and the size of a garment in it whose unit is unsaid.
+
+    `content` is that of the pickle, where it was loaded already. Raises as `read_motion`.
+    """
+    return _smpl_archive(path) if path.suffix.lower() == ".npz" else (_smpl_pickle(path, content), 0.0)
+
+
 def _smpl_archive(path: Path) -> tuple[SmplMotion, float]:
     """Return the motion of an `.npz` file, and the size of the garment in it, if it has one."""
     from garment_jax.formats.amass import is_amass, read_amass
@@ -191,12 +199,12 @@ def _smpl_archive(path: Path) -> tuple[SmplMotion, float]:
     )
 
 
-def _smpl_pickle(path: Path) -> SmplMotion:
+def _smpl_pickle(path: Path, content: Any = None) -> SmplMotion:
     from garment_jax.formats.aist import is_aist, read_aist
     from garment_jax.formats.pickles import load_pickle
     from garment_jax.formats.vto import is_vto, read_vto
 
-    content = load_pickle(path)
+    content = load_pickle(path) if content is None else content
     if is_aist(content):
         return read_aist(path, content)
     if is_vto(content):

@@ -12,13 +12,14 @@ from garment_jax.formats.mesh_cache import SUFFIXES as CACHES
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.formats.pickles import load_pickle
-from garment_jax.intake.finding import Finding, Repair
+from garment_jax.intake.finding import Finding, Repair, refusal
 from garment_jax.intake.garment_mesh import prepare_garment
 from garment_jax.structs import RiggedBody
 from garment_jax.validator.body_checks import LARGEST, SMALLEST, body_unit, body_up, check_body, extent
 from garment_jax.validator.clip_checks import check_clip
 from garment_jax.validator.clip_set import ClipFacts, check_set, clip_facts
-from garment_jax.validator.motion_checks import READ, check_arrays, check_bvh, is_motion
+from garment_jax.validator.motion_arrays import check_motion_arrays
+from garment_jax.validator.motion_checks import READ, check_bvh, is_motion
 from garment_jax.validator.point_checks import check_points, garment_unit
 from garment_jax.validator.raw_clip import RawClip
 
@@ -103,15 +104,6 @@ def validate_file(
     return Report(str(path), kind, found)
 
 
-def refusal(error: Exception, path: Path) -> Finding:
-    """Return a reader's sentence as a finding."""
-    text = str(error).removeprefix(str(path)).lstrip(": ").rstrip(".")
-    value, _, remedy = text.partition("; ")
-    if "packed for transport" in text:
-        return Finding("readable", "note", value, remedy=remedy or "import it first")
-    return Finding("readable", "error", value, remedy=remedy)
-
-
 def check_garment(path: Path) -> list[Finding]:
     """Return the findings on a garment's OBJ file."""
     garment, findings = prepare_garment(path)
@@ -181,7 +173,7 @@ def _check_npz(path: Path, options: Options) -> tuple[str, list[Finding]]:
     if names.issuperset(_MODEL):
         return "body", _check_any_body(path)
     if is_motion(dict.fromkeys(names, True)):
-        return "motion", check_arrays(read_npz(path, READ), fps=options.fps)
+        return "motion", check_motion_arrays(path, read_npz(path, READ), fps=options.fps)
     if {"pins", "pin_weights"} <= names or {"body_vertices", "faces"} <= names:
         return "part", [Finding("readable", "ok", f"arrays {', '.join(sorted(names))}")]
     raise ValueError(
@@ -207,7 +199,7 @@ def _check_pickle(path: Path, options: Options) -> tuple[str, list[Finding]]:
     if isinstance(content, dict) and set(_MODEL) <= set(content):
         return "body", _check_any_body(path)
     if isinstance(content, dict) and is_motion(content):
-        return "motion", check_arrays(content, fps=options.fps)
+        return "motion", check_motion_arrays(path, content, fps=options.fps, content=content)
     raise ValueError(f"{path} holds no poses, vertices or body by names that are read; see docs/formats.md.")
 
 
