@@ -66,7 +66,8 @@ class Motion(NamedTuple):
     """The motion of a body over a clip (world frame).
 
     Joint j maps a canonical point x to R_j (x - joints_j) + p_j, where p follows from
-    `root` by forward kinematics.
+    `root` by forward kinematics. The rotations of a long motion may stay in its file
+    (`body.frame_windows`); then they are an object that slices like an array.
     """
 
     rotations: np.ndarray  # [t, j, 3, 3] world rotation of each joint from canonical

@@ -1,6 +1,8 @@
 """What every test shares: CPU, x64 off, warnings and silent broadcasting as errors, the shared data."""
 
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 # Before jax is imported. The suite mostly compiles: without XLA's costlier passes, and with a persistent
@@ -44,3 +46,14 @@ def shared_cases() -> Path:
     if not path.is_dir():
         pytest.skip(f"no shared cases at {path}; set GARMENT_JAX_SHARED to the folder data/ beside them")
     return path
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Python's own handler of Ctrl-C, for a test that sends it to itself or to a child.
+
+    A shell starts its background jobs with interrupts ignored (`nohup make test &`), and children inherit it.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

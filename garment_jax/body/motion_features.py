@@ -59,11 +59,17 @@ def root_velocity_at(width: int) -> int:
     return 6 + 6 * ((width - 10) // 12)
 
 
-def motion_features(motion: Motion, body: RiggedBody, names: tuple[str, ...]) -> np.ndarray:
+def motion_features(
+    motion: Motion, body: RiggedBody, names: tuple[str, ...], frames: slice | None = None
+) -> np.ndarray:
     """Return M for every frame, `[t, 10 + 12 k]` float32 for `k` joint `names` (layout above; `ALL` of them).
 
+    `frames` `start:stop`: of these frames alone, which with the one before them are all that is read.
     Computed in float64 before the cast: a velocity is a small difference of large world positions.
     """
+    start, stop = (0, len(motion.root)) if frames is None else (frames.start, frames.stop)
+    first = max(start - 1, 0)
+    motion = Motion(motion.rotations[first:stop], motion.root[first:stop], motion.fps)
     joints = joint_indices(body, names)
     R, root = motion.rotations.astype(np.float64), motion.root.astype(np.float64)
     yaw = heading(R[:, 0])
@@ -84,4 +90,5 @@ def motion_features(motion: Motion, body: RiggedBody, names: tuple[str, ...]) ->
         turned(backward_velocity(positions, motion.fps)),
         turned(positions - root[:, None]),
     ]
-    return np.concatenate([part.reshape(len(root), -1) for part in parts], axis=1).astype(np.float32)
+    M = np.concatenate([part.reshape(len(root), -1) for part in parts], axis=1).astype(np.float32)
+    return M[start - first :]

@@ -1,7 +1,10 @@
 """Frames before a motion's first, so that a garment hangs and follows before it is looked at."""
 
+from typing import Any
+
 import numpy as np
 
+from garment_jax.body.frame_windows import FrameWindows
 from garment_jax.body.root_frame import heading, yaw_matrix
 from garment_jax.structs import Motion
 
@@ -37,7 +40,7 @@ def into_first_pose(motion: Motion, share: np.ndarray, *, yaw: float | None = No
     """
     from scipy.spatial.transform import Rotation, Slerp  # half a second, which few motions need
 
-    first = motion.rotations[0].astype(np.float64)
+    first = motion.rotations[:1][0].astype(np.float64)
     turned = yaw_matrix(heading(first[:1]) if yaw is None else np.array([yaw]))
     canonical = np.repeat(turned, len(first), axis=0)
     rotations = np.zeros((len(share), *first.shape))
@@ -49,7 +52,17 @@ def into_first_pose(motion: Motion, share: np.ndarray, *, yaw: float | None = No
 
 
 def with_preroll(motion: Motion, frames: int) -> Motion:
-    """Return `motion` with its preroll in front."""
+    """Return `motion` with its preroll in front; rotations that are read in stretches still are."""
     before = preroll_motion(motion, frames)
-    rotations = np.concatenate([before.rotations, motion.rotations])
-    return Motion(rotations, np.concatenate([before.root, motion.root]), motion.fps)
+    if not frames:
+        return motion
+    root, after = np.concatenate([before.root, motion.root]), motion.rotations
+    if not isinstance(after, FrameWindows):
+        return Motion(np.concatenate([before.rotations, after]), root, motion.fps)
+
+    def read(start: int, stop: int) -> np.ndarray:
+        early, late = before.rotations[start:stop], after[max(start - frames, 0) : max(stop - frames, 0)]
+        return np.concatenate([early, late])
+
+    rotations: Any = FrameWindows(read, (len(root), *after.shape[1:]), after.dtype.str)
+    return Motion(rotations, root, motion.fps)

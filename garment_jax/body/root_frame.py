@@ -6,6 +6,15 @@ moved or turned about the up axis (method, "Root frame").
 
 import numpy as np
 
+from garment_jax.body.frame_windows import stretches
+from garment_jax.structs import Motion
+
+
+def headings(motion: Motion) -> np.ndarray:
+    """Return the yaw of the root joint in every frame, `[t]` radians, float64 (`heading`)."""
+    parts = [heading(motion.rotations[frames, 0]) for _, frames in stretches(len(motion.root))]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
 
 def heading(rotation: np.ndarray) -> np.ndarray:
     """Return the yaw about +Y of root rotations `[..., 3, 3]`, radians, float64.

@@ -48,27 +48,27 @@ def infer(
         whole = whole and read(whole=whole)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
-        scene, moves = sequence.scene, sequence.motion
-    check_rate(facts, moves, Path(motion).stem)  # a plan of what would be refused helps nobody
-    scene_plan = make_plan(
-        facts,
-        scene,
-        moves,
-        swing=not no_swing,
-        detail=not no_detail,
-        collision=not no_collision,
-        pixel_mm=lod,
-        detail_mm=None if lod is None else _detail_mm(model),
-    )
-    name = "whole model"
-    if budget_ms is not None:
-        # with a swing that is not wanted, too: the names of its variants are those of the stored table
-        found = _within(budget_ms, model, whole or read(), scene, moves, scene_plan, here)
-        name, scene_plan, whole, line = found
-        yield line
-    if plan:
-        planned = _as_planned(whole or read(), scene_plan)
-        yield from _explained(planned, scene, moves, scene_plan, name, here)
+        scene, moves = sequence.scene, sequence.long_motion
+        check_rate(facts, moves, Path(motion).stem)  # a plan of what would be refused helps nobody
+        scene_plan = make_plan(
+            facts,
+            scene,
+            moves,
+            swing=not no_swing,
+            detail=not no_detail,
+            collision=not no_collision,
+            pixel_mm=lod,
+            detail_mm=None if lod is None else _detail_mm(model),
+        )
+        name = "whole model"
+        if budget_ms is not None:
+            # with a swing that is not wanted, too: the names of its variants are those of the stored table
+            found = _within(budget_ms, model, whole or read(), scene, moves, scene_plan, here)
+            name, scene_plan, whole, line = found
+            yield line
+        if plan:
+            planned = _as_planned(whole or read(), scene_plan)
+            yield from _explained(planned, scene, moves, scene_plan, name, here)
     if out is None:
         return
     from garment_jax.rollout.animate import animate_file

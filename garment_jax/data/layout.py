@@ -7,10 +7,11 @@ collider vertices (c, and one more for a cap), p pins.
 """
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.frame_windows import FrameWindows, stretches
 from garment_jax.structs import Collider, Garment, Motion, Pins, RiggedBody, Scene
 
 SCHEMA_VERSION = 1
@@ -67,8 +68,11 @@ def fields_of(present: Iterable[str]) -> tuple[Field, ...]:
     return fields + (PINS if "pins" in groups else ())
 
 
-def to_arrays(scene: Scene, motion: Motion, where: str) -> dict[str, np.ndarray]:
-    """Return the file's datasets, without the vertices, by name and in the file's types (see `cast`)."""
+def to_arrays(scene: Scene, motion: Motion, where: str) -> dict[str, Any]:
+    """Return the file's datasets, without the vertices, by name and in the file's types (see `cast`).
+
+    Rotations that are read in stretches stay so.
+    """
     structs = {"": scene.garment, "body/": scene.body, "collider/": scene.collider, "pins/": scene.pins}
     arrays = {
         prefix + key: np.asarray(value)
@@ -76,8 +80,14 @@ def to_arrays(scene: Scene, motion: Motion, where: str) -> dict[str, np.ndarray]
         if struct is not None
         for key, value in struct._asdict().items()
     }
-    arrays |= {"rotations": np.asarray(motion.rotations), "root": np.asarray(motion.root)}
-    return {field.name: cast(field, arrays[field.name], where) for field in fields_of(arrays)}
+    arrays |= {"rotations": motion.rotations, "root": np.asarray(motion.root)}
+    if not isinstance(motion.rotations, FrameWindows):
+        arrays["rotations"] = np.asarray(motion.rotations)
+    return {
+        field.name: array if isinstance(array, FrameWindows) else cast(field, array, where)
+        for field in fields_of(arrays)
+        for array in (arrays[field.name],)
+    }
 
 
 def cast(field: Field, array: np.ndarray, where: str) -> np.ndarray:
@@ -86,12 +96,7 @@ def cast(field: Field, array: np.ndarray, where: str) -> np.ndarray:
     Raises ValueError (naming `where`) for another number of axes, for what is no number, and for an index
     with a fraction, or one that 32 bits do not hold: both would become another index.
     """
-    if array.size and array.dtype.kind not in ("U" if field.dtype == "U" else "fiu"):
-        found = "text" if array.dtype.kind in "SUO" else array.dtype
-        kind = "text" if field.dtype == "U" else "numbers"
-        raise ValueError(f"{where}: `{field.name}` has type {found}; store {kind}.")
-    if array.ndim != len(field.shape):
-        raise ValueError(f"{where}: `{field.name}` has shape {array.shape}, expected {_spell(field.shape)}.")
+    check_kind(field, array.shape, array.dtype, where)
     if field.dtype == "i4" and array.dtype != np.int32 and array.size:
         limits = np.iinfo(np.int32)
         wide = array.astype(np.float64) if array.dtype.kind == "f" else array  # whose own digits may not do
@@ -102,7 +107,17 @@ def cast(field: Field, array: np.ndarray, where: str) -> np.ndarray:
     return array.astype(field.dtype, copy=False)
 
 
-def to_scene(arrays: Mapping[str, np.ndarray]) -> Scene:
+def check_kind(field: Field, shape: tuple[int, ...], dtype: np.dtype, where: str) -> None:
+    """Raise ValueError for an array that is no number, or no text, or has another number of axes."""
+    if 0 not in shape and dtype.kind not in ("U" if field.dtype == "U" else "fiu"):
+        found = "text" if dtype.kind in "SUO" else dtype
+        kind = "text" if field.dtype == "U" else "numbers"
+        raise ValueError(f"{where}: `{field.name}` has type {found}; store {kind}.")
+    if len(shape) != len(field.shape):
+        raise ValueError(f"{where}: `{field.name}` has shape {shape}, expected {_spell(field.shape)}.")
+
+
+def to_scene(arrays: Mapping[str, Any]) -> Scene:
     """Return the scene held by a file's datasets; the inverse of `to_arrays`."""
 
     def group(fields: tuple[Field, ...]) -> list:
@@ -115,7 +130,7 @@ def to_scene(arrays: Mapping[str, np.ndarray]) -> Scene:
     return Scene(Garment(*group(GARMENT)), body, collider, pins)
 
 
-def check_arrays(arrays: Mapping[str, np.ndarray], where: str) -> dict[str, int]:
+def check_arrays(arrays: Mapping[str, Any], where: str) -> dict[str, int]:
     """Return the sizes by letter, or raise ValueError (naming `where`) if the datasets do not agree."""
     _check_present(arrays, where)
     sizes = check_fields(fields_of(arrays), arrays, where)
@@ -125,7 +140,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], where: str) -> dict[str, int]
 
 
 def check_fields(
-    fields: Iterable[Field], arrays: Mapping[str, np.ndarray], where: str, known: Known | None = None
+    fields: Iterable[Field], arrays: Mapping[str, Any], where: str, known: Known | None = None
 ) -> dict[str, int]:
     """Return the sizes by letter, or raise ValueError (naming `where`) for an array that does not fit.
 
@@ -174,7 +189,7 @@ def _spell(shape: tuple[str | int, ...]) -> str:
     return "[" + ", ".join(str(size) for size in shape) + "]"
 
 
-def _check_present(arrays: Mapping[str, np.ndarray], where: str) -> None:
+def _check_present(arrays: Mapping[str, Any], where: str) -> None:
     missing = [field.name for field in fields_of(arrays) if field.name not in arrays]
     if {"uv", "faces_uv"} & set(missing) or not len(arrays["uv"]):
         raise ValueError(
@@ -187,7 +202,7 @@ def _check_present(arrays: Mapping[str, np.ndarray], where: str) -> None:
         )
 
 
-def _check_type(field: Field, array: np.ndarray, where: str) -> None:
+def _check_type(field: Field, array: np.ndarray | FrameWindows, where: str) -> None:
     """Whole numbers serve as numbers; an empty array has no type worth a word (`np.array([])` is float)."""
     kinds, wanted = _SERVES[field.dtype[0]]
     if array.size and array.dtype.kind not in kinds:
@@ -219,10 +234,12 @@ def _check_range(name: str, indices: np.ndarray, size: int, mesh: str, where: st
         )
 
 
-def _check_finite(name: str, values: np.ndarray, where: str) -> None:
-    finite = np.isfinite(values)
-    if not finite.all():
-        row = int(np.argwhere(~finite)[0][0])
+def _check_finite(name: str, values: np.ndarray | FrameWindows, where: str) -> None:
+    for _, rows in stretches(len(values)):
+        finite = np.isfinite(values[rows])
+        if finite.all():
+            continue
+        row = rows.start + int(np.argwhere(~finite)[0][0])
         raise ValueError(f"{where}: `{name}` is not finite in row {row}; export it again.")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.motion_features import motion_features
-from garment_jax.body.root_frame import carry_over, heading
+from garment_jax.body.root_frame import carry_over, heading, headings
 from garment_jax.body.seeds import Seeds, seed_transforms
 from garment_jax.structs import FrameInput, Motion, Scene
 
@@ -41,11 +41,25 @@ def motion_input(
     rollout reads frame 0 alone, and their polar decompositions are most of the work). Raises `ValueError`
     for a joint the body lacks.
     """
-    root = motion.root.astype(np.float64)
-    yaw = heading(motion.rotations[:, 0])
-    turn, shift = carry_over(root, yaw)
+    root, yaw = motion.root.astype(np.float64), headings(motion)
     posed = Motion(motion.rotations[:seed_frames], motion.root[:seed_frames], motion.fps)
     R_seed, t_seed = seed_transforms(seeds, scene, posed, yaw[:seed_frames])
-    M = motion_features(motion, scene.body, joints)
-    x = FrameInput(M, turn, shift, *garment_transforms(motion, scene))
+    x = frame_inputs(motion, scene, joints, slice(0, len(root)))
     return MotionInput(x, R_seed, t_seed, root, yaw)
+
+
+def frame_inputs(motion: Motion, scene: Scene, joints: tuple[str, ...], frames: slice) -> FrameInput:
+    """Return the network's inputs of the frames `start:stop` of `motion`, leaves `[k, ...]` float32.
+
+    Reads these frames and the one before them. Raises `ValueError` as `motion_input` does.
+    """
+    M = motion_features(motion, scene.body, joints, frames)
+    first = max(frames.start - 1, 0)
+    root, rotations = (
+        motion.root[first : frames.stop].astype(np.float64),
+        motion.rotations[first : frames.stop],
+    )
+    turn, shift = carry_over(root, heading(rotations[:, 0]))
+    before = frames.start - first
+    own = Motion(rotations[before:], motion.root[frames], motion.fps)
+    return FrameInput(M, turn[before:], shift[before:], *garment_transforms(own, scene))

@@ -5,12 +5,15 @@ frames and read by windows, so that no clip need fit into memory.
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import h5py
 import numpy as np
 
+from garment_jax.body.frame_windows import FrameWindows
 from garment_jax.data import layout
 from garment_jax.data.attributes import check_attributes
 from garment_jax.data.hdf5 import (
@@ -31,8 +34,10 @@ __all__ = ["DEFAULT_SCALE", "Sequence", "SequenceWriter", "open_sequence"]
 class Sequence:
     """An open sequence file; use it in a `with` statement (see `open_sequence`).
 
-    `scene` and `motion` are read whole (small), vertices by windows. All values are metres, world
-    frame, Y up. A file of kind "motion" holds no vertices: a motion to be animated.
+    `scene` is read whole (small), vertices by windows. `motion` is read whole when it is first asked for;
+    `long_motion` is the same with rotations that are read in stretches, from the open file
+    (`FrameWindows`). All values are metres, world frame, Y up. A file of kind "motion" holds no vertices: a
+    motion to be animated.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -40,17 +45,22 @@ class Sequence:
         self._file = open_hdf5(self.path)
         try:
             self.attributes = check_attributes(self._file, str(self.path))
-            arrays = read_arrays(self._file, str(self.path))
-            sizes = layout.check_arrays(arrays, str(self.path))
+            arrays = read_arrays(self._file, str(self.path), in_stretches=("rotations",))
+            sizes = layout.check_arrays(arrays, str(self.path))  # reads the rotations once, in stretches
             self._vertices, self._scale = _find_vertices(self._file, sizes, str(self.path))
         except BaseException:
             self._file.close()
             raise
         self.scene: Scene = layout.to_scene(arrays)
         self.fps = float(self.attributes["fps"])
-        self.motion = Motion(arrays["rotations"], arrays["root"], self.fps)
+        self.long_motion = Motion(arrays["rotations"], arrays["root"], self.fps)
         self.frames = sizes["t"]
         self.name = str(self.attributes.get("name", self.path.stem))
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The whole motion in memory; it stays usable when the file is closed."""
+        return self.long_motion._replace(rotations=np.asarray(self.long_motion.rotations))
 
     def read(self, start: int, stop: int) -> np.ndarray:
         """Return the garment's vertices of frames `start … stop - 1`, `[k, n, 3]` float32 world metres.
@@ -100,7 +110,7 @@ class Sequence:
         return read_window(dataset(self._file, f"extra/{name}", str(self.path)), start, stop, self.path)
 
     def close(self) -> None:
-        """Close the file; `scene` and `motion` stay usable."""
+        """Close the file; `scene`, and `motion` where it has been asked for, stay usable."""
         self._file.close()
 
     def __enter__(self) -> "Sequence":
@@ -131,18 +141,32 @@ def open_sequence(path: str | Path) -> Sequence:
     return Sequence(path)
 
 
-def read_arrays(file: h5py.File, where: str) -> dict[str, np.ndarray]:
+def read_arrays(file: h5py.File, where: str, *, in_stretches: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the datasets of the layout that the file has, without the vertices, in their types.
 
-    Raises as `open_sequence`, for what is damaged or does not fit its own type and number of axes.
+    Those named `in_stretches` are `FrameWindows` of the open file. Raises as `open_sequence`, for what is
+    damaged or does not fit its own type and number of axes.
     """
     present = dataset_names(file, where)
     arrays = {}
     for field in layout.fields_of(present):
         if field.name in present:
-            found = read_all(dataset(file, field.name, where), where, text=field.dtype == "U")
+            stored = dataset(file, field.name, where)
+            if field.name in in_stretches and stored.shape is not None:
+                arrays[field.name] = _in_stretches(field, stored, where)
+                continue
+            found = read_all(stored, where, text=field.dtype == "U")
             arrays[field.name] = layout.cast(field, found, where)
     return arrays
+
+
+def _in_stretches(field: layout.Field, stored: h5py.Dataset, where: str) -> FrameWindows:
+    layout.check_kind(field, stored.shape, stored.dtype, where)
+
+    def read(start: int, stop: int) -> np.ndarray:
+        return layout.cast(field, read_window(stored, start, stop, Path(where)), where)
+
+    return FrameWindows(read, stored.shape, field.dtype)
 
 
 def _find_vertices(

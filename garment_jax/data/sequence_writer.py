@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
+from garment_jax.body.frame_windows import AT_ONCE, FrameWindows
 from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.guarded_file import GuardedFile, uninterrupted
@@ -85,6 +86,7 @@ class SequenceWriter:
         stored = given if self._scale is None else self._quantise(given, start, stop, self._scale)
         with uninterrupted():
             self._vertices[start:stop] = stored
+            self._copy(start, stop)
         self._check_disk()
         self._written = stop
 
@@ -141,8 +143,27 @@ class SequenceWriter:
         if not self._motion_only:
             self._vertices = self._create_vertices()
         for name, array in self._arrays.items():
+            if isinstance(array, FrameWindows):
+                self._create_copied(name, array)
+                continue
             data = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
             self._file.create_dataset(name, data=data, **_packing(array))
+
+    def _create_copied(self, name: str, array: FrameWindows) -> None:
+        """Make room for an array that is read in stretches; `append` fills it."""
+        rows = max(1, min(len(array), _CHUNK_BYTES // max(1, array[:1].nbytes)))
+        self._open_file.create_dataset(
+            name, array.shape, array.dtype, chunks=(rows, *array.shape[1:]), compression="gzip", shuffle=True
+        )
+        if self._motion_only:
+            self._copy(0, len(array))
+
+    def _copy(self, start: int, stop: int) -> None:
+        for name, array in self._arrays.items():
+            if isinstance(array, FrameWindows):
+                for first in range(start, stop, AT_ONCE):
+                    frames = slice(first, min(first + AT_ONCE, stop))
+                    self._open_file[name][frames] = array[frames]  # type: ignore[index]  # a dataset
 
     @property
     def _open_file(self) -> h5py.File:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.frame_windows import stretches
 from garment_jax.body.motion_features import chosen_joints
 from garment_jax.data.sequence import Sequence
 from garment_jax.structs import Garment, Motion, RiggedBody, Scene
@@ -66,7 +67,7 @@ def check_input(sequence: Sequence, *, joints: Iterable[str] = ()) -> None:
     name = str(sequence.path)
     check_scene(sequence.scene, name)
     check_joints(sequence.scene.body, joints, name)
-    check_motion(sequence.motion, name, joints=sequence.scene.body.joint_names)
+    check_motion(sequence.long_motion, name, joints=sequence.scene.body.joint_names)
 
 
 def check_scene(scene: Scene, name: str) -> None:
@@ -98,16 +99,18 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
 
 def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
     """Raise ValueError if rotations are none or the root jumps; `joints` are the rotations' names."""
-    R = motion.rotations.astype(np.float64)
-    error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
-    with np.errstate(invalid="ignore"):
-        wrong = ~((error <= 1e-2) & (np.linalg.det(R) >= 0))  # a mirrored one has no error; NaN is wrong, too
-    if wrong.any():
-        frame, joint = np.argwhere(wrong)[0]
-        which = joints[joint] if joint < len(joints) else f"joint {joint}"
-        raise ValueError(
-            f"{name}: rotations of frame {frame} are no rotation matrices ({which}); export them again."
-        )
+    for _, frames in stretches(len(motion.root)):
+        R = motion.rotations[frames].astype(np.float64)
+        error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
+        with np.errstate(invalid="ignore"):
+            wrong = ~((error <= 1e-2) & (np.linalg.det(R) >= 0))  # a mirrored one has no error; NaN is wrong
+        if wrong.any():
+            frame, joint = np.argwhere(wrong)[0]
+            which = joints[joint] if joint < len(joints) else f"joint {joint}"
+            raise ValueError(
+                f"{name}: rotations of frame {frames.start + frame} are no rotation matrices ({which}); "
+                "export them again."
+            )
     speed = np.linalg.norm(np.diff(motion.root, axis=0), axis=1) * motion.fps
     if len(speed) and speed.max() > FASTEST:
         raise ValueError(

@@ -10,8 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from garment_jax.body.frame_windows import stretches
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
+from garment_jax.body.root_frame import headings
 from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.replaceable import check_animation_out
@@ -94,9 +96,10 @@ def make_animator(
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
         check_rate(model, motion, name)
         whole = with_preroll(motion, preroll)
-        inputs = motion_input(whole, scene, seeds, joints, seed_frames=1)
-        V_start = begin(inputs.R_seed[:1], inputs.t_seed[:1])[0]
-        pieces = finish(whole, inputs.root, inputs.yaw)(roll(whole, inputs, V_start))
+        first = Motion(whole.rotations[:1], whole.root[:1], whole.fps)
+        inputs = motion_input(first, scene, seeds, joints)
+        V_start = begin(inputs.R_seed, inputs.t_seed)[0]
+        pieces = finish(whole, whole.root.astype(np.float64), headings(whole))(roll(whole, V_start))
         return _without_first(pieces, preroll)
 
     return run
@@ -134,9 +137,22 @@ def animate_file(
     """
     check_animation_out(Path(out), Path(clip))
     with open_sequence(clip) as sequence:
-        check_input(sequence, joints=model.config.body.motion_joints)
-        scene, motion, name = sequence.scene, sequence.motion, sequence.name
-        encoding, scale = _stored_as(sequence)
+        return _animate_open(model, sequence, Path(out), detail, collision, preroll, plan, store)
+
+
+def _animate_open(
+    model: Model,
+    sequence: Sequence,
+    out: Path,
+    detail: bool,
+    collision: bool,
+    preroll: int,
+    plan: ScenePlan | None,
+    store: ProgramStore | None,
+) -> dict[str, float]:
+    check_input(sequence, joints=model.config.body.motion_joints)
+    clip, scene, motion, name = sequence.path, sequence.scene, sequence.long_motion, sequence.name
+    encoding, scale = _stored_as(sequence)
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
     model = model if plan.swing else without_swing(model)
@@ -194,9 +210,11 @@ def training_range(model: Model, scene: Scene, motion: Motion) -> tuple[np.ndarr
     In units of the feature's range (at least 3 of its deviations), the largest over features.
     """
     joints = chosen_joints(scene.body, model.config.body.motion_joints)
-    M = motion_features(motion, scene.body, joints)
     s = model.statistics
     width = np.maximum(s.motion_high - s.motion_low, 3 * s.motion_std)
-    beyond = np.maximum(np.maximum(M - s.motion_high, s.motion_low - M), 0.0) / width
-    worst = int(np.unravel_index(beyond.argmax(), beyond.shape)[1])
-    return beyond.max(axis=1).astype(np.float32), feature_names(joints)[worst]
+    beyond, features = np.zeros(len(motion.root), np.float32), np.zeros(len(motion.root), np.int32)
+    for _, frames in stretches(len(motion.root)):
+        M = motion_features(motion, scene.body, joints, frames)
+        left = np.maximum(np.maximum(M - s.motion_high, s.motion_low - M), 0.0) / width
+        beyond[frames], features[frames] = left.max(axis=1), left.argmax(axis=1)
+    return beyond, feature_names(joints)[int(features[beyond.argmax()])]

@@ -69,7 +69,8 @@ def measured_ms(
     wanted = FRAMES * CHUNKS
     back = max(2 * (len(motion.root) - 1), 1)  # a short motion goes to and fro
     rows = np.minimum(np.arange(wanted) % back, -np.arange(wanted) % back)
-    pieces = run(Motion(motion.rotations[rows], motion.root[rows], motion.fps))
+    taken = motion.rotations[: int(rows.max()) + 1]
+    pieces = run(Motion(taken[rows], motion.root[rows], motion.fps))
     times, began = [], time.perf_counter()
     for piece in pieces:
         times.append((time.perf_counter() - began) / len(piece.V))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
-from typing import Any
 
 import jax
 import numpy as np
@@ -54,12 +53,10 @@ def rollout_chunks(
     x: FrameInput,
     *,
     chunk: int,
-    seen: Callable[[int], Any] | None = None,
 ) -> Iterator[tuple[int, jax.Array]]:
     """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is from `make_rollout`.
 
-    `seen` gives what the swing's ring takes of the chunk that begins at a frame, where `x` does not hold it
-    (a long motion's would fill the memory). Raises `ValueError` unless `chunk` is 1 or more and divides t
+    Raises `ValueError` unless `chunk` is 1 or more and divides t
     (`stack_motions` pads).
     """
     _check_chunk(chunk)
@@ -68,7 +65,6 @@ def rollout_chunks(
         raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
     for start in range(0, frames, chunk):
         piece = jax.tree.map(itemgetter(slice(start, start + chunk)), x)
-        piece = piece if seen is None else piece._replace(swing=seen(start))
         state, V = run(params, state, piece)
         yield start, V
 

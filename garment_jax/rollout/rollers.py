@@ -2,24 +2,25 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.motion_input import MotionInput
+from garment_jax.body.frame_windows import AT_ONCE
+from garment_jax.data.motion_input import frame_inputs
 from garment_jax.data.template import Template
 from garment_jax.programs import ProgramStore, shapes_of
-from garment_jax.rollout.clips import rollout_chunks, stack_motions
+from garment_jax.rollout.clips import stack_motions
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, Motion, Scene
 
-# (motion, its inputs, V_start [n, 3] in the networks' frame)
-# -> (first frame, V [chunk, n, 3] in metres, root frames), ...
-Roller = Callable[[Motion, MotionInput, jax.Array], Iterator[tuple[int, jax.Array]]]
+# (motion, V_start [n, 3] in the networks' frame) -> (first frame, V [chunk, n, 3] metres, root frames), ...
+Roller = Callable[[Motion, jax.Array], Iterator[tuple[int, jax.Array]]]
 
 
 def make_roller(
@@ -33,7 +34,8 @@ def make_roller(
 ) -> Roller:
     """Return the function that rolls motions out; it begins to compile at once.
 
-    A model without a swing (`without_swing`) does not even import it.
+    It makes the networks' inputs as it goes, `AT_ONCE` frames at a time: a long motion's would fill the
+    memory. A model without a swing (`without_swing`) does not even import it.
     """
     chunk, d = model.config.rollout.chunk, len(model.statistics.motion_mean)
     state = init_state(model.params, jnp.zeros((model.vertices, 3)), template=template, config=model.config)
@@ -47,12 +49,19 @@ def make_roller(
     example = shapes_of((model.params, state, frames))
     roll = programs.program("rollout", rolled, example, {**facts, "detail": detail})
 
-    def run(motion: Motion, inputs: MotionInput, V_start: jax.Array) -> Iterator[tuple[int, jax.Array]]:
-        x, _ = stack_motions([inputs.x], chunk)
-        single = jax.tree.map(lambda leaf: leaf[:, 0], x)
+    joints, length = model.config.body.motion_joints, chunk * -(-AT_ONCE // chunk)
+
+    def run(motion: Motion, V_start: jax.Array) -> Iterator[tuple[int, jax.Array]]:
         state = init_state(model.params, V_start, template=template, config=model.config)
-        seen = look and partial(look, motion)
-        yield from rollout_chunks(roll, model.params, state, single, chunk=chunk, seen=seen)
+        frames = len(motion.root)
+        for first in range(0, frames, length):
+            x = frame_inputs(motion, scene, joints, slice(first, min(first + length, frames)))
+            x, _ = stack_motions([x], chunk)
+            for start in range(0, len(x.M), chunk):
+                piece = jax.tree.map(itemgetter((slice(start, start + chunk), 0)), x)
+                piece = piece if look is None else piece._replace(swing=look(motion, first + start))
+                state, V = roll(model.params, state, piece)
+                yield first + start, V
 
     return run
 

@@ -117,6 +117,7 @@ def test_a_command_may_run_the_measurement(tmp_path: Path, monkeypatch: pytest.M
     assert runner.run_job({}, job(tmp_path), timed_by="env MEASURED=1") == 7
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_passed_to_a_child_in_a_session_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -255,6 +255,7 @@ def _calls_of_hdf5(monkeypatch: pytest.MonkeyPatch, folder: Path, interrupted: i
     return made
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_within_any_call_of_hdf5_leaves_the_older_file_and_no_other(tmp_path, scene, motion):
     """HDF5 cannot pass an exception on: it went on without the write, and the file looked whole."""
     path = tmp_path / "clip.h5"

@@ -1,6 +1,7 @@
 """A whole motion through a whole model: pins, preroll, place in the world, files, refusals."""
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -8,14 +9,17 @@ import numpy as np
 import pytest
 
 from garment_jax import progress
+from garment_jax.body import frame_windows
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.config import RolloutConfig
+from garment_jax.data import sequence_writer
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.strain_limit import make_strain_limit
+from garment_jax.rollout import rollers
 from garment_jax.rollout.animate import animate, animate_file, training_range
 from garment_jax.rollout.attachment import REACH
 from garment_jax.rollout.edge_lengths import make_length_restorer
@@ -225,3 +229,35 @@ def test_a_simulation_is_not_overwritten_and_an_earlier_prediction_is(tmp_path: 
 def test_a_negative_preroll_is_refused():
     with pytest.raises(ValueError, match="--preroll -3 is negative"):
         frames_of(tiny_model(), make_motion(SCENE, 4), preroll=-3)
+
+
+def _written(folder: Path, frames: int) -> tuple[np.ndarray, int]:
+    """Animate so many frames; return them and the most bytes that NumPy held meanwhile."""
+    clip, out = folder / f"{frames}.h5", folder / f"{frames}_out.h5"
+    with SequenceWriter(clip, SCENE, make_motion(SCENE, frames), encoding="none"):
+        pass
+    animate_file(tiny_model(), clip, out, collision=False)  # compiles
+    tracemalloc.start()
+    try:
+        animate_file(tiny_model(), clip, out, collision=False)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    with open_sequence(out) as made, open_sequence(clip) as given:
+        np.testing.assert_array_equal(made.motion.rotations, given.motion.rotations)
+        return made.read(0, frames), most
+
+
+def test_memory_does_not_grow_with_a_motions_length(tmp_path: Path, monkeypatch):
+    """Rotations alone take 252 bytes a frame of these 7 joints, the networks' inputs as much again."""
+    for module in (frame_windows, rollers, sequence_writer):
+        monkeypatch.setattr(module, "AT_ONCE", 64)
+    short, long = (_written(tmp_path, frames)[1] for frames in (200, 2200))
+    assert (long - short) / 2000 < 120  # positions of the root and its heading, a few numbers a frame
+
+
+def test_frames_are_the_same_in_stretches_of_any_length(tmp_path: Path, monkeypatch):
+    whole = _written(tmp_path, 150)[0]
+    for module in (frame_windows, rollers, sequence_writer):
+        monkeypatch.setattr(module, "AT_ONCE", 64)
+    np.testing.assert_allclose(_written(tmp_path, 150)[0], whole, atol=1e-5, rtol=0)

@@ -109,8 +109,8 @@ def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
     alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.codes), x)[1]
     assert np.abs(np.asarray(alone) - V).max() > 0.01
     roll = make_roller(model, SCENE, tables_, detail=True, programs=ProgramStore(None), facts={})
-    inputs = inputs_of(clip)  # the ring's part of it comes chunk by chunk
-    pieces = list(roll(clip, inputs, skinned_template(model, tables_, seeds(), inputs)))
+    inputs = inputs_of(clip)
+    pieces = list(roll(clip, skinned_template(model, tables_, seeds(), inputs)))
     assert [start for start, _ in pieces] == [0, 16]
     streamed = np.concatenate([np.asarray(piece) for _, piece in pieces])[:20]
     np.testing.assert_allclose(streamed, V, atol=1e-5, rtol=0)
