@@ -1,1 +1,1 @@
-"""Runs that break things on purpose, from a fixed seed: mutated files, kills at file operations, pairs at once."""
+"""Runs that break things on purpose, from a fixed seed: mutated files, kills, pairs at once."""
