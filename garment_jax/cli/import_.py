@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 PARTS = ("garment", "body", "motion", "clip")  # each has a unit and an up axis
+MOVED = ("body", "motion")  # what may hold several skeletons
 
 # options that packed clips have no use for
 FOREIGN = (
     *("garment", "motion", "collider", "pins", "unit", "up", "fps", "source_fps", "joints", "skip", "floor"),
-    *("unwrap", "fit_uv", "drop_duplicates", "test"),
+    *("unwrap", "fit_uv", "drop_duplicates", "test", "animation", "mesh", "skeleton"),
     *(f"{part}_{what}" for part in PARTS for what in ("unit", "up")),
+    *(f"{part}_{what}" for part in MOVED for what in ("mesh", "skeleton")),
 )
 
 
@@ -50,6 +52,18 @@ def add(commands) -> None:
     for part in PARTS:
         parser.add_argument(f"--{part}-unit", metavar="UNIT", help=argparse.SUPPRESS)
         parser.add_argument(f"--{part}-up", choices=("Y", "Z"), help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--mesh",
+        metavar="NAME",
+        help="the mesh to take of clips that hold several, or else of body and motion",
+    )
+    parser.add_argument(
+        "--skeleton", metavar="NAME", help="root joint or skin, of a body and motion that hold several"
+    )
+    parser.add_argument("--animation", metavar="NAME", help="the one to take of motions that hold several")
+    for part in MOVED:
+        parser.add_argument(f"--{part}-mesh", metavar="NAME", help=argparse.SUPPRESS)
+        parser.add_argument(f"--{part}-skeleton", metavar="NAME", help=argparse.SUPPRESS)
     parser.add_argument(
         "--fps", type=float, help="of clips that do not say it; for motions, the rate to bring them to"
     )
@@ -106,6 +120,9 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
         unwrap=options.unwrap,
         fit_uv=options.fit_uv,
         drop_duplicates=options.drop_duplicates,
+        mesh=_chosen(options, "mesh", kind),
+        skeleton=_chosen(options, "skeleton", kind),
+        animation=options.animation,
     )
     sources = list_sources(options.paths, kind, own)
     show = partial(print, flush=True)
@@ -118,6 +135,29 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
 def by_part(options: argparse.Namespace, what: str) -> dict[str, str]:
     """Return the unit or the up axis of each part that the user says: its own, else that of all."""
     said = {part: getattr(options, f"{part}_{what}") or getattr(options, what) for part in PARTS}
+    return {part: value for part, value in said.items() if value is not None}
+
+
+def _chosen(options: argparse.Namespace, what: str, kind: str) -> dict[str, str]:
+    """Return the mesh or the skeleton to take, by parts: a part's own option, else that of all.
+
+    The mesh of all is the clips', where these are meshes; a skeleton is asked for only in glTF files.
+    """
+    said = {part: getattr(options, f"{part}_{what}") for part in MOVED}
+    everywhere = getattr(options, what)
+    if what == "mesh" and kind == "meshes":
+        return {k: v for k, v in (said | {"clip": everywhere}).items() if v is not None}
+    files = {
+        "body": [options.body],
+        "motion": [*options.motion, *(options.paths if kind == "motion" else [])],
+    }
+    for part in MOVED:
+        named = [path for path in files[part] if path is not None]
+        able = any(path.is_dir() or path.suffix.lower() in (".glb", ".gltf") for path in named)
+        if said[part] is None and able:
+            said[part] = everywhere
+    if everywhere is not None and everywhere not in said.values():
+        raise ValueError(f"--{what} {everywhere}: no file that is named holds several; leave it out.")
     return {part: value for part, value in said.items() if value is not None}
 
 

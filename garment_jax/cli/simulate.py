@@ -12,7 +12,8 @@ WAYS = {
     "vary": ("copies", "crosses", "turn", "spins", "kicks", "longest", "seed", "pattern"),
     "garment": (
         *("garment", "unwrap", "fit_uv", "drop_duplicates", "pattern", "pins", "collider"),
-        *("body", "betas", "body_unit", "body_up"),
+        *("body", "betas", "body_unit", "body_up", "body_mesh", "body_skeleton"),
+        *("animation", "motion_mesh", "motion_skeleton"),
         *("motion", "joints", "source_fps", "skip", "motion_unit", "motion_up", "keep_height", "test"),
     ),
 }
@@ -61,6 +62,8 @@ def add(commands) -> None:
     parser.add_argument("--betas", nargs="+", type=float, help="shape of a SMPL body")
     parser.add_argument("--body-unit", help="of the body's file: m, cm, mm, in or metres per unit")
     parser.add_argument("--body-up", choices=("Y", "Z"), help="up axis of the body's file")
+    parser.add_argument("--body-mesh", metavar="NAME", help="the mesh, of a glTF that holds several bodies")
+    parser.add_argument("--body-skeleton", metavar="NAME", help="the root joint, or skin, of such a body")
     parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
     parser.add_argument(
         "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
@@ -76,6 +79,9 @@ def add(commands) -> None:
     parser.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
     parser.add_argument("--motion-unit", help="of the motions' files")
     parser.add_argument("--motion-up", choices=("Y", "Z"), help="up axis of the motions' files")
+    parser.add_argument("--animation", metavar="NAME", help="the one to take of a glTF that holds several")
+    parser.add_argument("--motion-mesh", metavar="NAME", help="whose motion, in a glTF that holds several")
+    parser.add_argument("--motion-skeleton", metavar="NAME", help="root joint, or skin, of such a motion")
     parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
     parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
@@ -195,7 +201,15 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         if note.severity != "ok":
             print(f"{note.severity}: {note.sentence(str(options.garment))}", flush=True)
     betas = None if options.betas is None else np.array(options.betas)
-    figure = read_any_body(options.body, betas=betas, unit=options.body_unit, up=options.body_up)
+    figure = read_any_body(
+        options.body,
+        betas=betas,
+        unit=options.body_unit,
+        up=options.body_up,
+        mesh=options.body_mesh,
+        skeleton=options.body_skeleton,
+        part="body",
+    )
     cloth = cloth._replace(template=place_template(cloth.template, figure))
     for note in figure.notes:
         print(f"{options.body}: {note}", flush=True)
@@ -223,6 +237,9 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         up=options.motion_up,
         rest_up=options.body_up,
         origin=figure.origin,
+        animation=options.animation,
+        mesh=options.motion_mesh,
+        skeleton=options.motion_skeleton,
         say=partial(print, flush=True),
     )
     return scene, jobs

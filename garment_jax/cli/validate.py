@@ -15,6 +15,8 @@ def add(commands) -> None:
     parser.add_argument("--all", action="store_true", help="also list the checks that found nothing")
     parser.add_argument("--garment", type=Path, help="template (.obj) that mesh sequences must fit")
     parser.add_argument("--fps", type=float, help="true frame rate, where a file has none or lies")
+    for what, named in (("mesh", "mesh"), ("skeleton", "root joint or skin"), ("animation", "animation")):
+        parser.add_argument(f"--{what}", metavar="NAME", help=f"{named} to take of files that hold several")
     parser.add_argument(
         "--fix", action="store_true", help="write repaired copies of what can be repaired safely"
     )
@@ -33,7 +35,8 @@ def run(options: argparse.Namespace) -> int:
     if options.fix:
         check_out(files, options.out)
     reports = []
-    for report in validate_files(files, Options(options.fps, options.garment)):
+    chosen = Options(options.fps, options.garment, options.mesh, options.skeleton, options.animation)
+    for report in validate_files(files, chosen):
         reports.append(report)
         if not options.json:
             print(format_report(report, everything=options.all), flush=True)

@@ -44,7 +44,7 @@ class AlembicMesh(NamedTuple):
 
 
 def read_alembic(
-    path: str | Path, *, mesh: str | None = None, blender: str | Path | None = None
+    path: str | Path, *, mesh: str | None = None, option: str = "--mesh", blender: str | Path | None = None
 ) -> MeshCache:
     """Open a mesh of an Alembic file: world positions in the file's own unit and axes.
 
@@ -67,7 +67,7 @@ def read_alembic(
         job |= {name: str(folder / file) for name, file in _FILES.items()}
         _run(job, folder, blender)
         names = json.loads((folder / _FILES["names"]).read_text(encoding="utf-8"))
-        chosen = choose_mesh(names, mesh, str(path))
+        chosen = choose_mesh(names, mesh, str(path), option)
         if len(names) > 1:  # an only mesh is there already
             _run(job | {"mesh": chosen}, folder, blender)
         return _collect(folder, timing)

@@ -4,17 +4,19 @@ Both are in glTF's world: metres, Y up, as the armature's own transform places t
 cm put a scale of 0.01 there, of rigs with Z up a quarter turn).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from garment_jax.formats.gltf_animation import Channel, find_animation, local_matrices, read_channels
-from garment_jax.formats.gltf_container import GltfFile, open_gltf
-from garment_jax.formats.gltf_handles import carries_weight, without_handles
-from garment_jax.formats.gltf_mesh import SkinnedMesh, read_skinned_mesh
+from garment_jax.formats.gltf_bare_rig import joints_of_body, read_bare_skeleton
+from garment_jax.formats.gltf_container import GltfFile, count_of, open_gltf
+from garment_jax.formats.gltf_handles import carries_weight, without_handle_parts, without_handles
+from garment_jax.formats.gltf_mesh import SkinnedMesh, read_surface
 from garment_jax.formats.gltf_nodes import with_ancestors, world_matrices
+from garment_jax.formats.gltf_parts import Choice, holds_skinned_mesh
 from garment_jax.formats.gltf_rig import Skeleton, read_skeleton
 from garment_jax.structs import RiggedBody
 
@@ -24,59 +26,98 @@ _STRETCH = 0.05  # parts of the skeleton's size that a joint may leave its bone 
 _UNEVEN = 0.02  # a joint's scale may differ from its bind pose's by this part
 
 
+class GltfBody(NamedTuple):
+    """A body and what was chosen and left out."""
+
+    body: RiggedBody
+    notes: tuple[str, ...]  # a phrase each
+
+
 class GltfAnimation(NamedTuple):
     """The motion of a skeleton on a uniform grid, world frame, metres, Y up."""
 
-    rotations: np.ndarray  # [t, j, 3, 3] float32 world rotation of each joint from its bind pose
+    rotations: np.ndarray  # [t, j, 3, 3] float32 world rotation of each joint from its rest pose
     root: np.ndarray  # [t, 3] float64 world position of joint 0
     fps: float
     joint_names: tuple[str, ...]
+    parents: np.ndarray  # [j] int32, -1 for the root
+    rest: np.ndarray  # [j, 3] float64 world positions of the joints in the rest pose
+    notes: tuple[str, ...]  # what was chosen, a phrase each
 
 
-def read_rigged(path: str | Path, *, mesh: str | None = None) -> RiggedBody:
+def holds_motion_alone(path: str | Path) -> bool:
+    """Return whether a glTF file has an animation and no skinned mesh; raises as `read_body`."""
+    return _guarded(path, lambda file: not holds_skinned_mesh(file) and count_of(file, "animations") > 0)
+
+
+def read_rigged(path: str | Path, *, mesh: str | None = None, skeleton: str | None = None) -> RiggedBody:
+    """Return the body of a glTF file; all as `read_body`, without what that says besides."""
+    return read_body(path, mesh=mesh, skeleton=skeleton).body
+
+
+def read_body(
+    path: str | Path, *, mesh: str | None = None, skeleton: str | None = None, part: str = ""
+) -> GltfBody:
     """Read the body of a glTF file in its bind pose; metres, Y up, wherever the file puts it.
 
-    `mesh`: the name of one skinned mesh; without it all of one skeleton are joined. Vertices that exporters
-    split are welded (`gltf_mesh`), joints come parents first, without a rig's handle (`gltf_handles`),
-    weights sum to 1. Raises `FileNotFoundError`, `OSError` for a file that is cut off, `ValueError` for
-    what does not fit, by name.
+    `mesh`: the name of one skinned mesh; without it all of one skeleton are joined, and those that hang
+    rigidly on its joints. `skeleton`: the name of its root joint or skin, where there are several. `part` is
+    how the command calls both ("body": `--body-mesh`). Vertices that exporters split are welded
+    (`gltf_mesh`), joints come parents first, without a rig's handle (`gltf_handles`), weights sum to 1.
+    Raises `FileNotFoundError`, `OSError` for a file that is cut off, `ValueError` for what does not fit.
     """
 
-    def read(file: GltfFile) -> RiggedBody:
-        skeleton, body = _read_body(file, mesh)
-        joints = skeleton.bind[:, :3, 3].astype(np.float32)
-        return RiggedBody(body.vertices, body.faces, joints, skeleton.parents, skeleton.names, body.weights)
+    def read(file: GltfFile) -> GltfBody:
+        found, body = _read_body(file, Choice(mesh, skeleton, part))
+        joints = found.bind[:, :3, 3].astype(np.float32)
+        rigged = RiggedBody(body.vertices, body.faces, joints, found.parents, found.names, body.weights)
+        return GltfBody(rigged, found.notes)
 
     return _guarded(path, read)
 
 
 def read_animation(
-    path: str | Path, *, name: str | None = None, fps: float = 30.0, mesh: str | None = None
+    path: str | Path,
+    *,
+    name: str | None = None,
+    fps: float = 30.0,
+    mesh: str | None = None,
+    skeleton: str | None = None,
+    like: Sequence[str] = (),
+    part: str = "",
 ) -> GltfAnimation:
     """Read an animation of a glTF file, sampled at `fps` from its first key to its last.
 
-    `name` picks one of several; `mesh` as in `read_rigged`, whose joints these are. Bones keep their
-    lengths: rotations and the root are all that is returned. Raises what `read_rigged` raises, and
+    `name` picks one of several, those without one by their number; `mesh`, `skeleton` and `part` as in
+    `read_body`, whose joints these are. A file without a body may hold a motion alone (`gltf_bare_rig`): of
+    its nodes those are joints that hang on the root joint of the body with the joints `like`. Bones keep
+    their lengths: rotations and the root are all that is returned. Raises what `read_body` raises, and
     `ValueError` for an animation that stretches or scales joints, or is too long.
     """
     if not 1 <= fps <= 10_000:
         raise ValueError(f"fps={fps} must lie between 1 and 10000 frames a second.")
 
     def read(file: GltfFile) -> GltfAnimation:
-        skeleton, body = _read_body(file, mesh)
-        carries = carries_weight(skeleton, body.weights)
-        order = with_ancestors(skeleton.nodes.parents, skeleton.joints)
-        channels = read_channels(file, find_animation(file, name), set(order))
-        times = _grid(file, channels, fps, len(skeleton.joints))
-        rotations = np.empty((len(times), len(skeleton.joints), 3, 3), np.float32)
-        root = np.empty((len(times), 3))
+        index, choice = find_animation(file, name), Choice(mesh, skeleton, part)
+        if mesh is None and not holds_skinned_mesh(file):
+            found = read_bare_skeleton(file, index, choice, like=like)
+            carries = joints_of_body(found, like)
+        else:
+            found, body = _read_body(file, choice)
+            carries = carries_weight(found, body.weights)
+        order = with_ancestors(found.nodes.parents, found.joints)
+        channels = read_channels(file, index, set(order))
+        times = _grid(file, channels, fps, len(order))
+        rotations = np.empty((len(times), len(found.joints), 3, 3), np.float32)
+        places = np.empty((len(times), 3))
         size = max(1, _WINDOW // len(order))
         for start in range(0, len(times), size):
-            part = slice(start, start + size)
-            local = local_matrices(channels, skeleton.nodes, order, times[part])
-            world = world_matrices(local, skeleton.nodes.parents, order)
-            rotations[part], root[part] = _motion(file, skeleton, carries, world)
-        return GltfAnimation(rotations, root, float(fps), skeleton.names)
+            window = slice(start, start + size)
+            local = local_matrices(channels, found.nodes, order, times[window])
+            world = world_matrices(local, found.nodes.parents, order)
+            rotations[window], places[window] = _motion(file, found, carries, world)
+        rest = found.bind[:, :3, 3]
+        return GltfAnimation(rotations, places, float(fps), found.names, found.parents, rest, found.notes)
 
     return _guarded(path, read)
 
@@ -105,9 +146,9 @@ def _grid(file: GltfFile, channels: list[Channel], fps: float, joints: int) -> n
     return first + np.arange(int(frames)) / fps
 
 
-def _read_body(file: GltfFile, mesh: str | None) -> tuple[Skeleton, SkinnedMesh]:
-    skeleton = read_skeleton(file, mesh)
-    body = read_skinned_mesh(file, skeleton)
+def _read_body(file: GltfFile, choice: Choice) -> tuple[Skeleton, SkinnedMesh]:
+    skeleton = without_handle_parts(read_skeleton(file, choice))
+    body = read_surface(file, skeleton)
     skeleton, weights = without_handles(skeleton, body.weights)
     return skeleton, body._replace(weights=weights)
 

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.formats.gltf_accessors import read_accessor
-from garment_jax.formats.gltf_container import GltfFile, element, whole
+from garment_jax.formats.gltf_container import GltfFile, count_of, element, whole
 from garment_jax.formats.gltf_nodes import Nodes, compose
+from garment_jax.formats.gltf_parts import list_names, unique_names
 
 _WIDTHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 _MODES = ("LINEAR", "STEP", "CUBICSPLINE")
@@ -23,23 +24,46 @@ class Channel(NamedTuple):
     values: np.ndarray  # [k, w] float64; of a cubic spline [k, 3, w]: tangent in, value, tangent out
 
 
-def find_animation(file: GltfFile, name: str | None) -> dict[str, Any]:
-    """Return the animation `name`, or the only one; ValueError with the names that the file has."""
-    found = file.json.get("animations", [])
-    count = len(found) if isinstance(found, list) else 0
+def find_animation(file: GltfFile, name: str | None) -> int:
+    """Return the number of the animation `name`, or of the only one; `ValueError` with the names there are.
+
+    Those without a name are called by their number, and later ones of the same name are numbered.
+    """
+    count = count_of(file, "animations")
     if not count:
         raise ValueError(f"{file.path} holds no animation; export the armature with its action.")
-    all_of = [element(file, "animations", k) for k in range(count)]
-    names = [str(animation.get("name", k)) for k, animation in enumerate(all_of)]
+    titles = [element(file, "animations", k).get("name") for k in range(count)]
+    names = unique_names(str(k) if title in (None, "") else str(title) for k, title in enumerate(titles))
     if name is None and count > 1:
-        raise ValueError(f"{file.path} holds {count} animations, name one: {', '.join(names)[:400]}.")
+        raise ValueError(
+            f"{file.path} holds {count} animations; choose one with --animation NAME: {list_names(names)}."
+        )
     if name is not None and name not in names:
-        raise ValueError(f"{file.path} has no animation {name!r}; it has {', '.join(names)[:400]}.")
-    return all_of[0 if name is None else names.index(name)]
+        raise ValueError(
+            f"{file.path} has no animation {name!r}; --animation takes one of {list_names(names)}."
+        )
+    return 0 if name is None else names.index(name)
 
 
-def read_channels(file: GltfFile, animation: dict[str, Any], nodes: set[int]) -> list[Channel]:
-    """Return the channels that move `nodes`; those of other nodes and of morph targets are read over."""
+def moved_nodes(file: GltfFile, animation: int, count: int) -> list[int]:
+    """Return the nodes, of `count`, that an animation turns, moves or scales, each once."""
+    channels = element(file, "animations", animation).get("channels", [])
+    if not isinstance(channels, list):
+        raise ValueError(f"{file.path}: an animation has no list of channels; export it again.")
+    found: dict[int, None] = {}
+    for channel in channels:
+        target = channel.get("target", {}) if isinstance(channel, dict) else {}
+        if isinstance(target, dict) and target.get("path") in _WIDTHS and "node" in target:
+            node = whole(file, target["node"], "the node of a channel")
+            if node >= count:
+                raise ValueError(f"{file.path}: a channel moves node {node} of {count}; export it again.")
+            found[node] = None
+    return list(found)
+
+
+def read_channels(file: GltfFile, index: int, nodes: set[int]) -> list[Channel]:
+    """Return an animation's channels that move `nodes`; others and those of morph targets are read over."""
+    animation = element(file, "animations", index)
     channels, samplers = animation.get("channels", []), animation.get("samplers", [])
     if not isinstance(channels, list) or not isinstance(samplers, list):
         raise ValueError(f"{file.path}: an animation has no list of channels; export it again.")
@@ -58,7 +82,9 @@ def read_channels(file: GltfFile, animation: dict[str, Any], nodes: set[int]) ->
                 f"{file.path}: an animation has over {_MOST_NUMBERS} numbers; export a part of it."
             )
     if not found:
-        raise ValueError(f"{file.path}: the animation moves no joint of the skin; name another, or bake it.")
+        raise ValueError(
+            f"{file.path}: the animation moves no joint of the skeleton; name another, or bake it."
+        )
     return found
 
 

@@ -53,15 +53,22 @@ def buffer_files(path: Path) -> tuple[Path, ...]:
 
 def element(file: GltfFile, kind: str, index: Any) -> dict[str, Any]:
     """Return element `index` of the JSON's array `kind`; ValueError where there is none."""
+    count = count_of(file, kind)
+    number = whole(file, index, f"an index into `{kind}`")
+    found = file.json[kind][number] if number < count else None
+    if not isinstance(found, dict):
+        raise ValueError(
+            f"{file.path}: `{kind}` {number} is asked for, but the file has {count}; export it again."
+        )
+    return found
+
+
+def count_of(file: GltfFile, kind: str) -> int:
+    """Return how many elements the JSON's array `kind` has, none where it is not there."""
     found = file.json.get(kind, [])
     if not isinstance(found, list):
         raise ValueError(f"{file.path}: `{kind}` is no list; export the file again.")
-    number = whole(file, index, f"an index into `{kind}`")
-    if number >= len(found) or not isinstance(found[number], dict):
-        raise ValueError(
-            f"{file.path}: `{kind}` {number} is asked for, but the file has {len(found)}; export it again."
-        )
-    return found[number]
+    return len(found)
 
 
 def whole(file: GltfFile, value: Any, name: str) -> int:

@@ -2,7 +2,24 @@
 
 import numpy as np
 
+from garment_jax.formats.gltf_parts import list_names
 from garment_jax.formats.gltf_rig import Skeleton
+
+_FLOOR = 0.05  # of the skeleton's height above its lowest joint: nobody's hips are that low
+
+
+def without_handle_parts(skeleton: Skeleton) -> Skeleton:
+    """Return the skeleton without the rigid meshes on a top joint at the floor: a disk to grasp, no body."""
+    heights = skeleton.bind[:, 1, 3]
+    if heights[0] > heights.min() + _FLOOR * np.ptp(heights) or len(heights) < 2:
+        return skeleton
+    out = [p for p in skeleton.parts if p.skin is None and p.joint == skeleton.joints[0]]
+    if not out or len(out) == len(skeleton.parts):
+        return skeleton
+    names = list_names(skeleton.nodes.names[part.node] for part in out)
+    note = f"left out, as they are the handle of joint {skeleton.names[0]}: {names}"
+    parts = [part for part in skeleton.parts if part not in out]
+    return skeleton._replace(parts=parts, notes=(*skeleton.notes, note))
 
 
 def carries_weight(skeleton: Skeleton, weights: np.ndarray) -> np.ndarray:

@@ -1,11 +1,13 @@
-"""The surface of a skinned glTF body: its primitives joined, and welded where exporters split it."""
+"""The surface of a glTF body: skinned and rigid parts joined, and welded where exporters split them."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.formats.gltf_accessors import read_accessor
-from garment_jax.formats.gltf_container import GltfFile, element
+from garment_jax.formats.gltf_container import GltfFile
+from garment_jax.formats.gltf_nodes import scene_matrices
+from garment_jax.formats.gltf_parts import Part
+from garment_jax.formats.gltf_primitives import Primitive, primitives_of, read_primitive
 from garment_jax.formats.gltf_rig import Skeleton
 
 _MOST_VERTICES = 2**21  # of all primitives together: many may name one accessor
@@ -20,22 +22,19 @@ class SkinnedMesh(NamedTuple):
     weights: np.ndarray  # [b, j] float32, rows sum to 1
 
 
-def read_skinned_mesh(file: GltfFile, skeleton: Skeleton) -> SkinnedMesh:
-    """Return all skinned primitives of a skeleton as one surface.
+def read_surface(file: GltfFile, skeleton: Skeleton) -> SkinnedMesh:
+    """Return all parts of a skeleton's body as one surface in the bind pose.
 
     Exporters give a vertex several times where its UV or normal changes: vertices of the same place and
     weights become one, in order of first appearance, and triangles that collapse are dropped. Morph targets
-    are read over. Raises `ValueError` for primitives that are no triangles, indices out of range and
-    vertices without weight.
+    are read over. Raises `ValueError` for primitives that do not fit, indices out of range and vertices
+    without weight.
     """
     points, faces, pairs, total, corners = [], [], [], 0, 0
-    place = {node: joint for joint, node in enumerate(skeleton.joints)}
-    for mesh, skin in skeleton.meshes:
-        joints = np.array([place[node] for node in skeleton.skins[skin].joints])
-        A = skeleton.skins[skin].placement
-        for primitive in _primitives(file, mesh):
-            v, triangles, pair = _read_primitive(file, primitive, joints, f"{file.path}: mesh {mesh}")
-            points.append(v @ A[:3, :3].T + A[:3, 3])
+    for part in skeleton.parts:
+        for primitive in primitives_of(file, part.mesh):
+            v, triangles, pair = _placed(file, skeleton, part, primitive)
+            points.append(v)
             faces.append(triangles + total)
             pairs.append(pair)
             total += len(v)
@@ -47,68 +46,53 @@ def read_skinned_mesh(file: GltfFile, skeleton: Skeleton) -> SkinnedMesh:
     return _weld(file, np.concatenate(points), np.concatenate(faces), _widened(pairs), len(skeleton.joints))
 
 
-def _primitives(file: GltfFile, mesh: int) -> list[dict[str, Any]]:
-    found = element(file, "meshes", mesh).get("primitives", [])
-    if not isinstance(found, list) or not all(isinstance(part, dict) for part in found):
-        raise ValueError(f"{file.path}: mesh {mesh} has no list of primitives; export it again.")
-    return found
-
-
-def _read_primitive(
-    file: GltfFile, primitive: dict[str, Any], joints: np.ndarray, where: str
+def _placed(
+    file: GltfFile, skeleton: Skeleton, part: Part, primitive: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points `[v, 3]`, triangles `[f, 3]` and (joint, weight) pairs `[v, k, 2]`, sorted by joint."""
-    if primitive.get("mode", 4) != 4:
-        raise ValueError(f"{where} is not made of triangles; export it triangulated.")
-    given = primitive.get("attributes", {})
-    if not isinstance(given, dict) or not {"POSITION", "JOINTS_0", "WEIGHTS_0"} <= set(given):
+    """Return points `[v, 3]` in the world, triangles `[f, 3]` and (joint, weight) pairs `[v, k, 2]`."""
+    place = {node: joint for joint, node in enumerate(skeleton.joints)}
+    where = f"{file.path}: mesh {part.mesh}"
+    if part.skin is None:
+        found, joint = read_primitive(file, primitive, 0, where), place[part.joint or 0]
+        A = _hanging(file, skeleton, part, joint)
+        pair = np.broadcast_to([float(joint), 1.0], (len(found.points), 1, 2))
+        turned = found.triangles[:, ::-1] if np.linalg.det(A[:3, :3]) < 0 else found.triangles
+        return found.points @ A[:3, :3].T + A[:3, 3], turned, pair
+    skin = skeleton.skins[part.skin]
+    found = read_primitive(file, primitive, len(skin.joints), where)
+    joints = np.array([place[node] for node in skin.joints])
+    return _skinned(found, skin.placements), found.triangles, _pairs(found.weights, joints[found.index])
+
+
+def _hanging(file: GltfFile, skeleton: Skeleton, part: Part, joint: int) -> np.ndarray:
+    """Return the matrix that puts a mesh which hangs on a joint into the bind pose."""
+    above, own = scene_matrices(file, skeleton.nodes, [skeleton.joints[joint], part.node])
+    if abs(np.linalg.det(above)) < 1e-12:
         raise ValueError(
-            f"{where} lacks positions or skin weights; skin it to the armature, or leave it out."
+            f"{file.path}: joint {skeleton.names[joint]!r} has no size in its scene; reset its scale and "
+            "export it again."
         )
-    points = read_accessor(file, given["POSITION"], "VEC3").astype(np.float64)
-    sets = [k for k in range(len(given)) if f"JOINTS_{k}" in given]
-    index = [read_accessor(file, given[f"JOINTS_{k}"], "VEC4") for k in sets]
-    weights = [_weights(file, given.get(f"WEIGHTS_{k}")) for k in sets]
-    if any(len(part) != len(points) or index[0].dtype.kind != "u" for part in index + weights):
-        raise ValueError(f"{where}: positions, joints and weights differ in number; export it again.")
-    pairs = _pairs(np.concatenate(index, axis=1), np.concatenate(weights, axis=1), joints, where)
-    return points, _triangles(file, primitive, len(points), where), pairs
+    return skeleton.bind[joint] @ np.linalg.inv(above) @ own
 
 
-def _weights(file: GltfFile, index: Any) -> np.ndarray:
-    values = read_accessor(file, index, "VEC4")
-    return values.astype(np.float64) / (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1)
+def _skinned(found: Primitive, placements: np.ndarray) -> np.ndarray:
+    """Return sum_j w_j A_j v for the points `[v, 3]`."""
+    if (placements == placements[:1]).all():
+        return found.points @ placements[0, :3, :3].T + placements[0, :3, 3]
+    points = np.zeros_like(found.points)
+    for k in range(found.index.shape[1]):
+        A = placements[found.index[:, k]]
+        moved = (A[:, :3, :3] @ found.points[:, :, None])[..., 0] + A[:, :3, 3]
+        points += found.weights[:, k, None] * moved
+    return points
 
 
-def _pairs(index: np.ndarray, weights: np.ndarray, joints: np.ndarray, where: str) -> np.ndarray:
-    """Return (joint of the skeleton, weight) `[v, k, 2]` by joint; weights sum to 1, unused pairs are 0."""
-    total = weights.sum(axis=1, keepdims=True)
-    if (weights < -1e-6).any() or (total < 1e-6).any():
-        bad = int(np.argmin(np.minimum(weights.min(axis=1), total[:, 0])))
-        raise ValueError(f"{where}: vertex {bad} has no skin weight; weight all vertices and export again.")
+def _pairs(weights: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return (joint of the skeleton, weight) `[v, k, 2]` by joint, unused pairs last and 0."""
     used = weights > 0
-    if (index[used] >= len(joints)).any():
-        raise ValueError(
-            f"{where}: a vertex hangs on joint {int(index[used].max())} of {len(joints)}; export it again."
-        )
-    share = np.where(used, weights / total, 0.0)
-    ours = np.where(used, joints[np.where(used, index, 0)], 0)
-    order = np.argsort(np.where(used, ours, np.iinfo(np.int64).max), axis=1, kind="stable")
-    return np.stack([np.take_along_axis(part, order, axis=1) for part in (ours, share)], axis=2)
-
-
-def _triangles(file: GltfFile, primitive: dict[str, Any], count: int, where: str) -> np.ndarray:
-    if "indices" in primitive:
-        corners = read_accessor(file, primitive["indices"], "SCALAR")[:, 0]
-    else:
-        corners = np.arange(count, dtype=np.uint32)
-    if len(corners) % 3 or corners.dtype.kind != "u":
-        raise ValueError(f"{where}: its {len(corners)} corners make no triangles; export it again.")
-    if len(corners) and int(corners.max()) >= count:
-        raise ValueError(
-            f"{where} holds index {int(corners.max())}, outside its {count} vertices; export it again."
-        )
-    return corners.astype(np.int64).reshape(-1, 3)
+    order = np.argsort(np.where(used, joints, np.iinfo(np.int64).max), axis=1, kind="stable")
+    ours = np.where(used, joints, 0)
+    return np.stack([np.take_along_axis(part, order, axis=1) for part in (ours, weights)], axis=2)
 
 
 def _widened(pairs: list[np.ndarray]) -> np.ndarray:

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 from garment_jax.formats.gltf_container import GltfFile, whole
 
 _MOST_NODES = 65_536
+_FARTHEST = 1e9  # of a world matrix's numbers
+_DEEPEST = 512  # nodes from the top to the bottom of a tree
 
 
 class Nodes(NamedTuple):
@@ -20,6 +22,13 @@ class Nodes(NamedTuple):
     scale: np.ndarray  # [k, 3] float64
     local: np.ndarray  # [k, 4, 4] float64 to the parent's space
     has_matrix: np.ndarray  # [k] bool: `local` was given as a matrix, the three above are not used
+
+    def above(self, node: int) -> list[int]:
+        """Return the nodes above one, the nearest first."""
+        chain = []
+        while (node := int(self.parents[node])) >= 0:
+            chain.append(node)
+        return chain
 
 
 def read_nodes(file: GltfFile) -> Nodes:
@@ -84,6 +93,22 @@ def world_matrices(local: np.ndarray, parents: np.ndarray, order: list[int]) -> 
     return world
 
 
+def scene_matrices(file: GltfFile, nodes: Nodes, wanted: list[int]) -> np.ndarray:
+    """Return the world matrices `[len(wanted), 4, 4]` of nodes as the scene shows them.
+
+    Raises `ValueError` for transforms that together leave the numbers there are.
+    """
+    order = with_ancestors(nodes.parents, wanted)
+    with np.errstate(over="ignore", invalid="ignore"):
+        world = world_matrices(nodes.local[order], nodes.parents, order)
+    found = np.stack([world[node] for node in wanted])
+    near = (np.abs(found) < _FARTHEST).all(axis=(1, 2))
+    if not near.all():
+        name = nodes.names[wanted[int(near.argmin())]]
+        raise ValueError(f"{file.path}: node {name!r} is beyond {_FARTHEST:g} in its scene; export it again.")
+    return found
+
+
 def _rows(file: GltfFile, nodes: list[dict[str, Any]], key: str, default: Any) -> np.ndarray:
     rows = np.tile(np.array(default, np.float64), (len(nodes), 1))
     for k, node in enumerate(nodes):
@@ -112,9 +137,11 @@ def _parents(file: GltfFile, nodes: list[dict[str, Any]]) -> np.ndarray:
                     "export it again."
                 )
             parents[child] = k
-    depth = parents.copy()  # the ancestor reached so far; doubling the reach each time
-    for _ in range(len(nodes).bit_length()):
-        depth = np.where(depth >= 0, depth[depth], -1)
-    if (depth >= 0).any():
-        raise ValueError(f"{file.path}: its nodes form a circle; export it again.")
-    return parents
+    reached = parents.copy()  # the ancestor reached so far
+    for _ in range(_DEEPEST):
+        if (reached < 0).all():
+            return parents
+        reached = np.where(reached >= 0, parents[reached], -1)
+    raise ValueError(
+        f"{file.path}: its nodes form a circle, or a chain of more than {_DEEPEST}; export it again."
+    )

@@ -72,10 +72,13 @@ class Frames:
         return self._read(frames % len(self), frames % len(self) + 1)[0]
 
 
-def read_cache(path: str | Path, *, mesh: str | None = None, blender: str | None = None) -> MeshCache:
+def read_cache(
+    path: str | Path, *, mesh: str | None = None, option: str = "--mesh", blender: str | None = None
+) -> MeshCache:
     """Open an animated mesh: `.pc2`, `.mdd`, `.usd(a|c|z)`, `.abc`, or a folder of `.obj` or `.ply` files.
 
-    `mesh` names one of several meshes (USD: a prim's path or name, Alembic: an object's name); `blender`
+    `mesh` names one of several meshes (USD: a prim's path or name, Alembic: an object's name), `option` is
+    how the command calls it; `blender`
     as in `formats.blender.find_blender`, which only Alembic needs. Raises `FileNotFoundError`, `OSError`
     (damaged) or `ValueError` (what does not fit), each in one sentence.
     """
@@ -92,9 +95,9 @@ def read_cache(path: str | Path, *, mesh: str | None = None, blender: str | None
     if suffix == ".mdd":
         return mdd.read_mdd(path)
     if suffix in USD_SUFFIXES:
-        return usd.read_usd(path, mesh=mesh)
+        return usd.read_usd(path, mesh=mesh, option=option)
     if suffix == ".abc":
-        return alembic.read_alembic(path, mesh=mesh, blender=blender)
+        return alembic.read_alembic(path, mesh=mesh, option=option, blender=blender)
     raise ValueError(
         f"{path}: {suffix or 'a file without an ending'} is no animated mesh that can be read; give "
         f"{', '.join(SUFFIXES)} or a folder of OBJ or PLY files, one a frame."
@@ -113,10 +116,11 @@ def fan_corners(counts: np.ndarray) -> np.ndarray:
     return np.stack([first, first + k + 1, first + k + 2], axis=1)
 
 
-def choose_mesh(names: list[str], wanted: str | None, where: str) -> str:
+def choose_mesh(names: list[str], wanted: str | None, where: str, option: str = "--mesh") -> str:
     """Return the mesh to read: the one `wanted` (a path or its last part), the only one, or the garment.
 
-    A name's parts are divided by "/". Raises `ValueError` with the names where that leaves none or several.
+    A name's parts are divided by "/". Raises `ValueError` with the names, and the `option` that takes one,
+    where that leaves none or several.
     """
     listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
     if not names:
@@ -127,5 +131,7 @@ def choose_mesh(names: list[str], wanted: str | None, where: str) -> str:
     if len(found) == 1:
         return found[0]
     if wanted:
-        raise ValueError(f"{where} has {len(found)} meshes named {wanted!r}; it holds {listed}.")
-    raise ValueError(f"{where} holds several meshes ({listed}); name one, or call the garment's Garment.")
+        raise ValueError(f"{where} has {len(found)} meshes named {wanted!r}; {option} takes one of {listed}.")
+    raise ValueError(
+        f"{where} holds several meshes; choose one with {option} NAME: {listed}, or call it Garment."
+    )

@@ -33,7 +33,7 @@ def load_pxr() -> Any:
     return pxr
 
 
-def read_usd(path: str | Path, *, mesh: str | None = None) -> MeshCache:
+def read_usd(path: str | Path, *, mesh: str | None = None, option: str = "--mesh") -> MeshCache:
     """Open a mesh of a USD stage (`.usd`, `.usda`, `.usdc`, `.usdz`); world space, the stage's unit and axes.
 
     `mesh` is a prim's path or name; without it the only mesh, or the one named Garment, is taken. Transforms
@@ -44,7 +44,7 @@ def read_usd(path: str | Path, *, mesh: str | None = None) -> MeshCache:
     path = Path(path)
     stage = _open(path, pxr)
     meshes = [str(prim.GetPath()) for prim in stage.TraverseAll() if prim.IsA(pxr.UsdGeom.Mesh)]
-    chosen = choose_mesh(meshes, mesh, str(path))
+    chosen = choose_mesh(meshes, mesh, str(path), option)
     geometry = pxr.UsdGeom.Mesh(stage.GetPrimAtPath(chosen))
     times = _times(geometry, pxr, f"{path} {chosen}")
     start = pxr.Usd.TimeCode(times.first)

@@ -8,11 +8,13 @@ from scipy.spatial import KDTree
 
 from garment_jax.data.npz import load_body
 from garment_jax.data.validation import LARGEST, SMALLEST
+from garment_jax.formats.gltf import read_body
 from garment_jax.formats.smpl import is_smpl, read_smpl
 from garment_jax.intake.units import to_metres_y_up
 from garment_jax.structs import RiggedBody
 
-SUFFIXES = (".npz", ".pkl", ".glb", ".gltf", ".h5")
+GLTF = (".glb", ".gltf")
+SUFFIXES = (".npz", ".pkl", *GLTF, ".h5")
 _FACING = 0.5  # part of the distance between left and right joints that must be along +X
 
 
@@ -30,9 +32,11 @@ def load_any_body(
     betas: np.ndarray | None = None,
     unit: float | str | None = None,
     up: str | None = None,
+    mesh: str | None = None,
+    skeleton: str | None = None,
 ) -> RiggedBody:
     """Return the body of a file; all as `read_any_body`, without what that says besides."""
-    return read_any_body(path, betas=betas, unit=unit, up=up).body
+    return read_any_body(path, betas=betas, unit=unit, up=up, mesh=mesh, skeleton=skeleton).body
 
 
 def read_any_body(
@@ -41,12 +45,16 @@ def read_any_body(
     betas: np.ndarray | None = None,
     unit: float | str | None = None,
     up: str | None = None,
+    mesh: str | None = None,
+    skeleton: str | None = None,
+    part: str = "",
 ) -> LoadedBody:
     """Read a rigged body: our `.npz`, a sequence file's, SMPL's `.npz` or `.pkl`, or glTF's.
 
     `betas` `[k]` is the shape of a SMPL body. `unit` (metres per unit, or "cm") and `up` ("Y", "Z") are for
-    files that are not as their formats say. SMPL's and glTF's bodies are put on the floor. Raises
-    `FileNotFoundError`, `OSError` for a damaged file, `ValueError` for what does not fit, by file.
+    files that are not as their formats say; `mesh`, `skeleton` and `part` as in `formats.gltf.read_body`.
+    SMPL's and glTF's bodies are put on the floor. Raises `FileNotFoundError`, `OSError` for a damaged file,
+    `ValueError` for what does not fit, by file.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -57,16 +65,18 @@ def read_any_body(
     smpl = suffix == ".pkl" or (suffix == ".npz" and is_smpl(path))
     if betas is not None and not smpl:
         raise ValueError(f"{path} is no SMPL body and has no betas; leave them out.")
-    body, notes = _smpl(path, betas) if smpl else (_rigged(path, suffix), ())
+    if suffix in GLTF:
+        body, notes = read_body(path, mesh=mesh, skeleton=skeleton, part=part)
+    elif mesh is not None or skeleton is not None:
+        what = "mesh" if skeleton is None else "skeleton"
+        raise ValueError(f"{path} holds one body; leave out --{part}{'-' if part else ''}{what}.")
+    else:
+        body, notes = _smpl(path, betas) if smpl else (_rigged(path, suffix), ())
     body = _converted(body, unit, up)
     _check_extent(body, path, unit)
-    if suffix in (".glb", ".gltf"):
+    if suffix in GLTF:
         _check_facing(body, path)
-    return (
-        _on_the_floor(body, notes)
-        if smpl or suffix in (".glb", ".gltf")
-        else LoadedBody(body, np.zeros(3), notes)
-    )
+    return _on_the_floor(body, notes) if smpl or suffix in GLTF else LoadedBody(body, np.zeros(3), notes)
 
 
 def place_template(template: np.ndarray, loaded: LoadedBody) -> np.ndarray:
@@ -94,14 +104,10 @@ def _smpl(path: Path, betas: np.ndarray | None) -> tuple[RiggedBody, tuple[str, 
 def _rigged(path: Path, suffix: str) -> RiggedBody:
     if suffix == ".npz":
         return load_body(path)
-    if suffix == ".h5":
-        from garment_jax.data.sequence import open_sequence
+    from garment_jax.data.sequence import open_sequence
 
-        with open_sequence(path) as sequence:
-            return sequence.scene.body
-    from garment_jax.formats.gltf import read_rigged
-
-    return read_rigged(path)
+    with open_sequence(path) as sequence:
+        return sequence.scene.body
 
 
 def _converted(body: RiggedBody, unit: float | str | None, up: str | None) -> RiggedBody:

@@ -70,7 +70,7 @@ def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
 
 
 def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) -> ForeignClip:
-    mesh = read_cache(path)
+    mesh = read_cache(path, mesh=wardrobe.options.mesh.get("clip"))
     fps = frame_rate(mesh.fps, wardrobe.options, path)
     moved = None if rig is None else moving_body(wardrobe, motion_path, rig(), fps)
     dressed = wardrobe.dressed(body=None if moved is None else moved.fitted.body)
@@ -103,6 +103,7 @@ def moving_body(wardrobe: Wardrobe, motion: Path, rig: RiggedBody | None, fps: f
         up=o.up.get("motion", o.up.get("body")),
         fps=fps,
         rig=rig,
+        mesh=o.mesh.get("motion"),
     )
 
 

@@ -58,6 +58,9 @@ def read_motion(
     up: str | None = None,
     rest_up: str | None = None,
     origin: np.ndarray | None = None,
+    animation: str | None = None,
+    mesh: str | None = None,
+    skeleton: str | None = None,
     say: Say | None = None,
 ) -> Motion:
     """Read a motion of `body` at `fps` (the file's own rate by default): rotations float32, root float64.
@@ -69,18 +72,24 @@ def read_motion(
     others stay where they are. `unit` and `up` replace what the format says; `rest_up` is the axis that was
     up in the body's file: a glTF motion turns its joints from that rest pose, and has that axis without `up`.
     `origin` `[3]`: the body file's own origin (`LoadedBody.origin`), from which SMPL's translations count.
+    `animation`, `mesh` and `skeleton` choose of a glTF that holds several (`formats.gltf.read_animation`).
     `say` takes what was decided for the user. Raises `FileNotFoundError`, `OSError` or `ValueError`, by file.
     """
     path, say = Path(path), say or (lambda _: None)
     if not path.is_file():
         raise FileNotFoundError(f"{path} is not there; name a motion ({', '.join(SUFFIXES)}).")
+    chosen = {"animation": animation, "motion-mesh": mesh, "motion-skeleton": skeleton}
+    if path.suffix.lower() not in (".glb", ".gltf") and any(chosen.values()):
+        option = next(name for name, value in chosen.items() if value)
+        raise ValueError(f"{path} holds one motion; leave out --{option}.")
     if path.suffix.lower() == ".bvh":
         return _captured(path, body, joints, fps, source_fps, skip, floor, centre, unit, up)
     if path.suffix.lower() in (".glb", ".gltf"):
         if source_fps is not None:
             raise ValueError(f"{path}: a glTF's keys have times in seconds; leave --source-fps out.")
         up = up or rest_up
-    track = _read_track(path, body, fps, unit, up, rest_up, origin, say)
+    choice = (animation, mesh, skeleton)
+    track = _read_track(path, body, fps, unit, up, rest_up, origin, choice, say)
     try:
         return _on_body(track, body, joints, fps, source_fps, skip, floor, say)
     except ValueError as error:
@@ -135,6 +144,7 @@ def _read_track(
     up: str | None,
     rest_up: str | None,
     origin: np.ndarray | None,
+    choice: tuple[str | None, str | None, str | None],
     say: Say,
 ) -> _Track:
     suffix = path.suffix.lower()
@@ -152,7 +162,19 @@ def _read_track(
     elif suffix in (".glb", ".gltf"):
         from garment_jax.formats.gltf import read_animation
 
-        track = _Track(*_reordered(read_animation(path, fps=fps or 30.0)))
+        name, mesh, skeleton = choice
+        moved = read_animation(
+            path,
+            name=name,
+            fps=fps or 30.0,
+            mesh=mesh,
+            skeleton=skeleton,
+            like=body.joint_names,
+            part="motion",
+        )
+        for note in moved.notes:
+            say(f"{path}: {note}")
+        track = _Track(moved.rotations, moved.root, moved.joint_names, moved.fps)
         rest = turn_to_y_up(rest_up or "Y")
     else:
         raise ValueError(f"{path} is no motion that is known; give one of {', '.join(SUFFIXES)}.")
@@ -160,10 +182,6 @@ def _read_track(
     if unit is None and up is None:
         return track
     return track._replace(rotations=turn @ track.rotations @ rest.T, root=metres * track.root @ turn.T)
-
-
-def _reordered(animation: Any) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], float]:
-    return animation.rotations, animation.root, animation.joint_names, animation.fps
 
 
 def _sequence(path: Path) -> _Track:

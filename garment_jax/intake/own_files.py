@@ -88,6 +88,9 @@ class Wardrobe:
         """Return a motion of the body, at `fps` (None: its own); a clip's is where its file says."""
         dressed, origin = self._dress(betas)
         o = self.options
+        # the motion in the body's own file is that of the body that was chosen there
+        named = {"mesh": o.mesh.get("body"), "skeleton": o.skeleton.get("body")}
+        own = named if path == self.body_path else {}
         return read_motion(
             path,
             dressed.scene.body,
@@ -101,6 +104,9 @@ class Wardrobe:
             up=o.up.get("motion"),
             rest_up=o.up.get("body"),
             origin=origin,
+            animation=o.animation,
+            mesh=o.mesh.get("motion", own.get("mesh")),
+            skeleton=o.skeleton.get("motion", own.get("skeleton")),
         )
 
     def _dress(
@@ -123,8 +129,16 @@ class Wardrobe:
         return self._dressed[key]
 
     def _body(self, betas: np.ndarray | None) -> LoadedBody:
-        unit, up = self.options.unit.get("body"), self.options.up.get("body")
-        return read_any_body(self.body_path, betas=betas, unit=unit, up=up)
+        o = self.options
+        return read_any_body(
+            self.body_path,
+            betas=betas,
+            unit=o.unit.get("body"),
+            up=o.up.get("body"),
+            mesh=o.mesh.get("body"),
+            skeleton=o.skeleton.get("body"),
+            part="body",
+        )
 
     def _garment(self, loaded: LoadedBody) -> tuple[Garment, tuple[str, ...]]:
         """Return the garment on the canonical body, metres, and what was settled."""

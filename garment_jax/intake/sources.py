@@ -27,6 +27,9 @@ class Options(NamedTuple):
     unwrap: bool = False
     fit_uv: bool = False
     drop_duplicates: bool = False
+    mesh: Mapping[str, str] = {}  # the mesh to take, of the parts "body", "motion" and "clip"
+    skeleton: Mapping[str, str] = {}  # the skeleton to take, of the parts "body" and "motion"
+    animation: str | None = None  # the one to take of motion files that hold several
 
 
 class ForeignClip(NamedTuple):

@@ -34,6 +34,7 @@ def read_vertex_body(
     fps: float | None = None,
     joints: int = JOINTS,
     rig: RiggedBody | None = None,
+    mesh: str | None = None,
     most_residual: float | None = MOST_RESIDUAL,
     seed: int = 0,
 ) -> VertexBody:
@@ -41,19 +42,19 @@ def read_vertex_body(
 
     `unit` ("cm", "m", … or metres per unit) and `up` ("Y" or "Z") are those of both files; without them the
     cache's own, and metres and Y, said in the note, where it does not say and the mesh has a body's size.
-    `fps` only where the cache has none. `rig` is a body fitted before, whose motion alone is sought. Raises
-    `FileNotFoundError`, `OSError`, or `ValueError` for what does not fit or for a mean residual above
-    `most_residual` cm (None allows any).
+    `mesh`: the one to take of a cache that holds several. `fps` only where the cache has none. `rig` is a
+    body fitted before, whose motion alone is sought. Raises `FileNotFoundError`, `OSError`, or `ValueError`
+    for what does not fit or for a mean residual above `most_residual` cm (None allows any).
     """
-    mesh, moving = read_obj(rest), read_cache(cache)
+    body, moving = read_obj(rest), read_cache(cache, mesh=mesh, option="--motion-mesh")
     rate = _frame_rate(moving, fps, cache)
-    _check_same_mesh(mesh.vertices, mesh.faces, moving, rest, cache)
-    size = float(np.ptp(mesh.vertices, axis=0).max())
+    _check_same_mesh(body.vertices, body.faces, moving, rest, cache)
+    size = float(np.ptp(body.vertices, axis=0).max())
     taken, axis = settle_unit(moving.unit, unit, size, f"the body {rest}"), up or moving.up or "Y"
-    points = to_metres_y_up(mesh.vertices, taken.metres, axis)
+    points = to_metres_y_up(body.vertices, taken.metres, axis)
     check_size(points, f"the body {rest}")
     frames = _Converted(moving.vertices, taken.metres, axis)
-    fitted = rig_from_vertices(mesh.faces, frames, points, fps=rate, joints=joints, rig=rig, seed=seed)
+    fitted = rig_from_vertices(body.faces, frames, points, fps=rate, joints=joints, rig=rig, seed=seed)
     residual = fitted.residual_cm
     if most_residual is not None and residual.mean > most_residual:
         raise ValueError(

@@ -182,6 +182,9 @@ def motion_jobs(
     up: str | None = None,
     rest_up: str | None = None,
     origin: np.ndarray | None = None,
+    animation: str | None = None,
+    mesh: str | None = None,
+    skeleton: str | None = None,
     say: Callable[[str], None] = print,
 ) -> list[Job]:
     """Return a clip for every motion named, or found in a folder named; those in `test` are for testing.
@@ -212,6 +215,9 @@ def motion_jobs(
             up=up,
             rest_up=rest_up,
             origin=origin,
+            animation=animation,
+            mesh=mesh,
+            skeleton=skeleton,
             say=say,
         )
         check_motion(motion, str(file))

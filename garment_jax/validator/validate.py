@@ -8,16 +8,19 @@ import numpy as np
 
 from garment_jax.data.npz import load_body
 from garment_jax.data.obj import read_garment
+from garment_jax.formats.gltf import holds_motion_alone, read_animation
 from garment_jax.formats.mesh_cache import SUFFIXES as CACHES
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.formats.pickles import load_pickle
+from garment_jax.intake.bodies import read_any_body
 from garment_jax.intake.finding import Finding, Repair, refusal
 from garment_jax.intake.garment_mesh import prepare_garment
 from garment_jax.structs import RiggedBody
 from garment_jax.validator.body_checks import LARGEST, SMALLEST, body_unit, body_up, check_body, extent
 from garment_jax.validator.clip_checks import check_clip
 from garment_jax.validator.clip_set import ClipFacts, check_set, clip_facts
+from garment_jax.validator.gltf_checks import check_animation
 from garment_jax.validator.motion_arrays import check_motion_arrays
 from garment_jax.validator.motion_checks import READ, check_bvh, is_motion
 from garment_jax.validator.point_checks import check_points, garment_unit
@@ -41,6 +44,9 @@ class Options(NamedTuple):
 
     fps: float | None = None  # true rate of motions whose header lies
     garment: Path | None = None  # template that mesh sequences are compared with
+    mesh: str | None = None  # the one to take of files that hold several
+    skeleton: str | None = None  # the same
+    animation: str | None = None  # the same
 
 
 def list_files(paths: Sequence[Path]) -> list[Path]:
@@ -82,8 +88,8 @@ def validate_file(
         ".bvh": lambda: ("motion", check_bvh(path, fps=options.fps)),
         ".npz": lambda: _check_npz(path, options),
         ".pkl": lambda: _check_pickle(path, options),
-        ".glb": lambda: ("body", _check_any_body(path)),
-        ".gltf": lambda: ("body", _check_any_body(path)),
+        ".glb": lambda: _check_gltf(path, options),
+        ".gltf": lambda: _check_gltf(path, options),
     }
     suffix, kind = path.suffix.lower(), "unknown"
     try:
@@ -203,14 +209,25 @@ def _check_pickle(path: Path, options: Options) -> tuple[str, list[Finding]]:
     raise ValueError(f"{path} holds no poses, vertices or body by names that are read; see docs/formats.md.")
 
 
-def _check_any_body(path: Path) -> list[Finding]:
-    from garment_jax.intake.bodies import load_any_body
+def _check_gltf(path: Path, options: Options) -> tuple[str, list[Finding]]:
+    if holds_motion_alone(path):
+        found = check_animation(path, fps=options.fps, name=options.animation, skeleton=options.skeleton)
+        return "motion", found
+    found = _check_any_body(path, mesh=options.mesh, skeleton=options.skeleton)
+    if options.animation is not None:
+        named = {"name": options.animation, "mesh": options.mesh, "skeleton": options.skeleton}
+        moved = read_animation(path, fps=options.fps or 30.0, **named)
+        found.append(Finding("animation", "ok", f"{len(moved.root)} frames at {moved.fps:g} frames a second"))
+    return "body", found
 
-    return check_rigged(load_any_body(path))
+
+def _check_any_body(path: Path, *, mesh: str | None = None, skeleton: str | None = None) -> list[Finding]:
+    loaded = read_any_body(path, mesh=mesh, skeleton=skeleton)
+    return [*check_rigged(loaded.body), *(Finding("body parts", "note", note) for note in loaded.notes)]
 
 
 def _check_cache(path: Path, options: Options, template: np.ndarray | None) -> list[Finding]:
-    cache = read_cache(path)
+    cache = read_cache(path, mesh=options.mesh)
     found = check_points(
         cache.vertices, cache.faces, options.fps or cache.fps, unit=cache.unit, template=template
     )

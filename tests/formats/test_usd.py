@@ -100,7 +100,7 @@ def test_one_of_several_meshes_is_named(tmp_path: Path):
     stage.Save()
     from garment_jax.formats.usd import read_usd
 
-    with pytest.raises(ValueError, match=r"holds several meshes \(/World/Skirt, /World/Body\); name one"):
+    with pytest.raises(ValueError, match=r"choose one with --mesh NAME: /World/Skirt, /World/Body"):
         read_usd(tmp_path / "a.usda")
     assert read_usd(tmp_path / "a.usda", mesh="Skirt").vertices.shape == (3, 5, 3)
     assert read_usd(tmp_path / "a.usda", mesh="/World/Body").vertices.shape == (1, 1, 3)
