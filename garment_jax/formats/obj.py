@@ -1,113 +1,159 @@
 """Wavefront OBJ both ways, vertex order kept: positions, triangles and, where there are some, UVs.
 
-Unlike a garment's template (`data/obj.py`), a frame of an animation may have no texture coordinates.
+A garment's template (`data/obj.py`) and a frame of an animation are read by the same rules; a frame may have
+no texture coordinates.
 """
 
-import re
+import hashlib
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from garment_jax.formats.mesh_cache import fan_corners
-from garment_jax.formats.ply import LARGEST, Mesh
+from garment_jax.formats.obj_statements import index_of, number_of, read_statements, shown
+from garment_jax.formats.ply import Mesh
 
 HEAD = "# garment_jax\n"  # how a file begins that is written here
+_LARGEST = float(np.finfo(np.float32).max)
+
+
+class ObjMesh(NamedTuple):
+    """One mesh as an OBJ file has it: its own unit and axes, polygons as fans."""
+
+    vertices: np.ndarray  # [n, 3] float32
+    faces: np.ndarray  # [f, 3] int32
+    uv: np.ndarray  # [u, 2] float32
+    faces_uv: np.ndarray  # [f, 3] int32 indices into uv, -1 for a corner without
+
+
+class _Farthest(NamedTuple):
+    """The largest indices so far and where they stand: (line, corner)."""
+
+    vertex: int = -1
+    texture: int = -1
+    at: tuple[int, str] = (0, "")
+    at_texture: tuple[int, str] = (0, "")
 
 
 def read_obj(path: str | Path) -> Mesh:
     """Read an OBJ mesh, polygons as fans; the file's own unit and axes.
 
-    Raises `FileNotFoundError`, or `ValueError` for numbers that are none, faces that name vertices that are
-    not there, or a file that holds no vertices.
+    UVs only where every corner has one. Raises as `parse_obj`.
     """
-    positions, texture, faces = split_lines(path)
-    vertices = numbers(positions, 3, path)
-    counts, corners = _corners(faces, len(vertices), len(texture), path)
-    fans = fan_corners(counts)
-    if not len(texture) or (corners[:, 1] < 0).any():
-        return Mesh(vertices, corners[fans, 0], None, None)
-    return Mesh(vertices, corners[fans, 0], numbers(texture, 2, path), corners[fans, 1])
+    mesh = parse_obj(path)
+    if not len(mesh.uv) or (mesh.faces_uv < 0).any():
+        return Mesh(mesh.vertices, mesh.faces, None, None)
+    return Mesh(*mesh)
 
 
-def split_lines(path: str | Path) -> tuple[list[bytes], list[bytes], list[bytes]]:
-    """Return an OBJ's lines of positions, texture coordinates and faces, without their keyword."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name an OBJ file.")
-    if path.stat().st_size > LARGEST:
-        raise ValueError(f"{path} has {path.stat().st_size / 2**20:.0f} MB; no garment needs that, check it.")
-    found: dict[bytes, list[bytes]] = {b"v": [], b"vt": [], b"f": []}
-    for line in path.read_bytes().replace(b"\\\n", b" ").split(b"\n"):
-        keyword, _, rest = line.strip().replace(b"\t", b" ").partition(b" ")
-        if keyword == b"f" and b"-" in rest:
-            rest = _absolute(rest, len(found[b"v"]), len(found[b"vt"]))
-        if keyword in found:
-            found[keyword].append(rest)
-    if not found[b"v"]:
-        raise ValueError(f"{path} holds no vertices; it is no OBJ mesh, or it is empty.")
-    return found[b"v"], found[b"vt"], found[b"f"]
+def parse_obj(path: str | Path, *, faces_required: bool = False, uv_required: bool = False) -> ObjMesh:
+    """Read an OBJ mesh with all that its faces say.
 
-
-def _absolute(face: bytes, points: int, texture: int) -> bytes:
-    """Return a face's corners counted from 1 where they count back from its line (-1 is the last one)."""
-    sizes = (points, texture)
-
-    def absolute(part: bytes, size: int) -> bytes:
-        return b"%d" % (size + 1 + int(part)) if re.fullmatch(rb"-\d{1,18}", part) else part
-
-    corners = (word.split(b"/")[:2] for word in face.split())
-    return b" ".join(b"/".join(map(absolute, corner, sizes)) for corner in corners)
-
-
-def numbers(lines: list[bytes], count: int, path: str | Path) -> np.ndarray:
-    """Return the first `count` finite numbers of every line, `[len(lines), count]` float32."""
-    try:
-        values = np.array([line.split()[:count] for line in lines]).astype(np.float64)
-        wrong = values.shape != (len(lines), count) or not np.isfinite(values).all()
-    except ValueError:
-        wrong, values = True, np.zeros(0)
-    if wrong:
-        bad = next((line for line in lines if not _finite(line.split()[:count], count)), b"")
-        text = bad.decode("utf-8", "replace")
-        raise ValueError(f"{path}: {text!r} is not {count} finite numbers; export it again.")
-    return values.astype(np.float32)
-
-
-def _finite(words: list[bytes], count: int) -> bool:
-    try:
-        return len(words) == count and bool(np.isfinite([float(word) for word in words]).all())
-    except ValueError:
-        return False
-
-
-def _corners(
-    faces: list[bytes], points: int, texture: int, path: str | Path
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners a face `[p]` and, of all corners, (vertex, texture vertex or -1) `[c, 2]` int32."""
-    counts, corners = np.zeros(len(faces), np.int64), []
-    for k, face in enumerate(faces):
-        words = face.split()
-        counts[k] = len(words)
-        for word in words:
-            parts = word.split(b"/")
-            second = parts[1] if len(parts) > 1 else b""
-            try:
-                corner = _index(int(parts[0]), points), _index(int(second), texture) if second else -2
-            except ValueError:
-                corner = (-1, -1)
-            if -1 in corner:
+    Raises `FileNotFoundError`, or `ValueError` with the line for numbers that are none, faces of fewer than
+    three corners or that name vertices that are not there, and for a file without vertices; without faces
+    or texture coordinates where these are required.
+    """
+    positions, texture = array("f"), array("f")
+    counts, corners, corners_uv = array("i"), array("i"), array("i")
+    farthest = _Farthest()
+    for line, words in read_statements(path):
+        keyword = words[0]
+        if keyword == "v":
+            positions.extend(_numbers(words[1:4], 3, path, line))
+        elif keyword == "vt":  # a single coordinate is along u
+            texture.extend(_numbers(words[1:3] if len(words) != 2 else [words[1], "0"], 2, path, line))
+        elif keyword == "f":
+            if len(words) < 4:
                 raise ValueError(
-                    f"{path}: corner {word.decode('utf-8', 'replace')!r} names a vertex that is not among "
-                    f"the {points} vertices and {texture} texture coordinates; export the mesh again."
+                    f"{path} line {line}: a face of {len(words) - 1} corners; remove loose edges and export "
+                    "again."
                 )
-            corners.append(corner)
-    return counts, np.array(corners, np.int32).reshape(-1, 2)
+            counts.append(len(words) - 1)
+            sizes = (len(positions) // 3, len(texture) // 2)
+            for word in words[1:]:
+                parts = word.split("/", 2)
+                textured = len(parts) > 1 and parts[1] != ""
+                if uv_required and not textured:
+                    raise ValueError(
+                        f"{path} line {line}: corner {shown([word])} has no texture coordinate; unwrap the "
+                        "garment's UVs."
+                    )
+                vertex = index_of(parts[0], sizes[0])
+                second = index_of(parts[1], sizes[1]) if textured else -1
+                if vertex < 0 or (textured and second < 0):
+                    raise ValueError(_not_there(path, line, word, sizes))
+                corners.append(vertex)
+                corners_uv.append(second)
+                if vertex > farthest.vertex:
+                    farthest = farthest._replace(vertex=vertex, at=(line, word))
+                if second > farthest.texture:
+                    farthest = farthest._replace(texture=second, at_texture=(line, word))
+    sizes = (len(positions) // 3, len(texture) // 2)
+    if farthest.vertex >= sizes[0] > 0:
+        raise ValueError(_not_there(path, *farthest.at, sizes))
+    if farthest.texture >= sizes[1]:
+        raise ValueError(_not_there(path, *farthest.at_texture, sizes))
+    if faces_required and not counts:
+        raise ValueError(f"{path} holds no faces; export the garment's mesh, triangulated or not.")
+    if not positions:
+        raise ValueError(f"{path} holds no vertices; it is no OBJ mesh, or it is empty.")
+    fans = fan_corners(np.frombuffer(counts, np.int32) if counts else np.zeros(0, np.int32))
+    return ObjMesh(
+        _rows(positions, np.float32, 3),
+        _rows(corners, np.int32, 1)[:, 0][fans],
+        _rows(texture, np.float32, 2),
+        _rows(corners_uv, np.int32, 1)[:, 0][fans],
+    )
 
 
-def _index(number: int, size: int) -> int:
-    """Return the index from 0, -1 when out of range (OBJ counts from 1)."""
-    return number - 1 if 1 <= number <= size else -1
+class ObjFrame(NamedTuple):
+    """The positions of an OBJ file, and what tells its faces from others."""
+
+    vertices: np.ndarray  # [n, 3] float32
+    faces: bytes  # a digest of all statements about faces and texture
+
+
+def read_frame(path: str | Path) -> ObjFrame:
+    """Return the positions and a digest of the faces, which are not looked at; raises as `parse_obj`."""
+    positions, digest = array("f"), hashlib.blake2b()
+    for line, words in read_statements(path):
+        keyword = words[0]
+        if keyword == "v":
+            positions.extend(_numbers(words[1:4], 3, path, line))
+        elif keyword in ("f", "vt"):
+            text = " ".join(words)
+            # what counts back is another vertex elsewhere in the file
+            digest.update(f"{text} {len(positions)}\n".encode() if "-" in text else f"{text}\n".encode())
+    if not positions:
+        raise ValueError(f"{path} holds no vertices; it is no OBJ mesh, or it is empty.")
+    return ObjFrame(_rows(positions, np.float32, 3), digest.digest())
+
+
+def _rows(numbers: array, kind: type[np.generic], width: int) -> np.ndarray:
+    return np.array(numbers, kind).reshape(-1, width)
+
+
+def _numbers(words: list[str], count: int, path: str | Path, line: int) -> list[float]:
+    try:
+        values = [number_of(word) for word in words]
+    except ValueError:
+        values = []
+    # what float32 cannot hold is no coordinate
+    if len(values) != count or not all(-_LARGEST < value < _LARGEST for value in values):
+        raise ValueError(
+            f"{path} line {line}: {shown(words)} is not {count} finite numbers; export it again."
+        )
+    return values
+
+
+def _not_there(path: str | Path, line: int, word: str, sizes: tuple[int, int]) -> str:
+    return (
+        f"{path} line {line}: corner {shown([word])} names a vertex that is not there ({sizes[0]} vertices "
+        f"and {sizes[1]} texture coordinates); export the mesh again."
+    )
 
 
 def obj_faces(faces: np.ndarray, uv: np.ndarray | None = None, faces_uv: np.ndarray | None = None) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.formats.mesh_cache import Frames, MeshCache
-from garment_jax.formats.obj import numbers, read_obj, split_lines
+from garment_jax.formats.obj import read_frame, read_obj
 from garment_jax.formats.ply import Mesh, read_ply
 
 _KINDS = (".obj", ".ply")
@@ -20,13 +20,13 @@ def read_folder(folder: str | Path) -> MeshCache:
     """
     files = frame_files(Path(folder))
     first = _read(files[0])
-    lines = split_lines(files[0])[2] if files[0].suffix.lower() == ".obj" else None
+    faces = read_frame(files[0]).faces if files[0].suffix.lower() == ".obj" else None
 
     def read(start: int, stop: int) -> np.ndarray:
         shape = (stop - start, *first.vertices.shape)
         frames = np.empty(shape, np.float32)
         for k, file in enumerate(files[start:stop]):
-            frames[k] = _positions(file, first, files[0].name, lines)
+            frames[k] = _positions(file, first, files[0].name, faces)
         return frames
 
     vertices = Frames((len(files), len(first.vertices), 3), read)
@@ -63,12 +63,12 @@ def _read(file: Path) -> Mesh:
     return mesh
 
 
-def _positions(file: Path, first: Mesh, first_name: str, lines: list[bytes] | None) -> np.ndarray:
+def _positions(file: Path, first: Mesh, first_name: str, faces: bytes | None) -> np.ndarray:
     """Return a frame's vertices `[n, 3]`, its topology compared with the first file's."""
-    if lines is not None:
-        positions, _, faces = split_lines(file)
-        if faces == lines and len(positions) == len(first.vertices):
-            return numbers(positions, 3, file)  # the usual case: the same lines need no second look
+    if faces is not None:
+        frame = read_frame(file)
+        if frame.faces == faces and len(frame.vertices) == len(first.vertices):
+            return frame.vertices  # the usual case: the same statements need no second look
     mesh = _read(file)
     if len(mesh.vertices) != len(first.vertices):
         raise ValueError(
