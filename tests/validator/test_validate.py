@@ -92,7 +92,7 @@ DAMAGED: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty.obj": (as_text(""), "holds no faces"),
     "index.obj": (
         as_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
-        "line 4: '9' names a vertex that is not there",
+        "line 4: corner '9' names a vertex that is not there",
     ),
     "nan.obj": (as_text("v 0 nan 0\n"), "line 1: '0 nan 0' is not 3 finite numbers"),
     "line.obj": (as_text("v 0 0 0\nv 1 0 0\nf 1 2\n"), "a face of 2 corners"),
