@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import h5py
 
-from garment_jax.data.hdf5 import attributes_of
+from garment_jax.data.hdf5 import attributes_of, has
 from garment_jax.data.layout import SCHEMA_VERSION
 
 
 def check_attributes(file: h5py.File, where: str) -> dict:
     """Return a sequence file's attributes, or raise ValueError for a version or unit that is not read."""
     attributes = attributes_of(file, where)
-    if "vertices_delta" in file:
+    if has(file, "vertices_delta", where):
         raise ValueError(
             f"{where} is packed for transport; run `garment-jax import {where} --out DIR` first."
         )

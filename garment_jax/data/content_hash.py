@@ -64,6 +64,6 @@ def stored_attribute(path: Path, name: str) -> str | None:
     try:
         with open_hdf5(path) as file:
             value = attributes_of(file, str(path)).get(name)
-    except OSError:
+    except (OSError, ValueError):
         return None
     return None if value is None else str(value)

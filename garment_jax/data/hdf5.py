@@ -8,8 +8,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from garment_jax.data.hdf5_inspection import inspect_hdf5, is_refusal
+
 # which of them a damaged file raises, and where, depends on the bytes that are gone
-_DAMAGE = (OSError, RuntimeError, KeyError)
+_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError)
 # endings of what `import` reads
 _FOREIGN = frozenset(
     [".bvh", ".npz", ".pkl", ".glb", ".gltf", ".pc2", ".mdd", ".abc", ".usd", ".usda", ".usdc", ".usdz"]
@@ -18,14 +20,20 @@ _AGAIN = "copy, import or predict it again"
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """Open any HDF5 file for reading; FileNotFoundError or OSError say in one sentence why not."""
+    """Open any HDF5 file for reading, once it has been inspected as a whole (`inspect_hdf5`).
+
+    FileNotFoundError, OSError (damaged) or ValueError (what it refuses) say in one sentence why not.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; give the path of an HDF5 file (.h5).")
     try:
+        inspect_hdf5(path)
         return h5py.File(path, "r")
     except PermissionError as error:
         raise OSError(f"{path} may not be read ({error.strerror}); change its permissions.") from error
-    except _DAMAGE as error:
+    except (*_DAMAGE, MemoryError) as error:
+        if is_refusal(error):
+            raise
         if path.suffix.lower() in _FOREIGN and "truncated" not in str(error):
             raise OSError(
                 f"{path} is no sequence file (.h5); make one of it with garment-jax import."
@@ -35,11 +43,13 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def can_open(path: Path) -> bool:
-    """Return whether a whole HDF5 file is at `path`, whoever wrote it."""
+    """Return whether a whole HDF5 file is at `path`, whoever wrote it; one that is refused is whole, too."""
     try:
         open_hdf5(path).close()
     except OSError:
         return False
+    except ValueError:
+        return True
     return True
 
 
@@ -88,15 +98,15 @@ def read_all(data: h5py.Dataset, where: str, *, text: bool = False) -> np.ndarra
     name = str(data.name).lstrip("/")
     if data.shape is None:
         raise ValueError(f"{where}: `{name}` is empty; export it again.")
-    with _reading(where):
-        try:
-            return np.asarray(data.asstr()[()], dtype="U") if text else np.asarray(data[()])
-        except MemoryError as error:
-            raise ValueError(
-                f"{where}: `{name}` has shape {data.shape}, more than fits into memory; export it again."
-            ) from error
-        except (TypeError, UnicodeDecodeError) as error:
-            raise ValueError(f"{where}: `{name}` has type {data.dtype}; store text.") from error
+    if text and h5py.check_string_dtype(data.dtype) is None:
+        raise ValueError(f"{where}: `{name}` has type {data.dtype}; store text.")
+    try:
+        with _reading(where):
+            return np.asarray(data.asstr(errors="replace")[()], dtype="U") if text else np.asarray(data[()])
+    except MemoryError as error:
+        raise ValueError(
+            f"{where}: `{name}` has shape {data.shape}, more than fits into memory; export it again."
+        ) from error
 
 
 def read_window(data: h5py.Dataset, start: int, stop: int, path: Path) -> np.ndarray:

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from garment_jax.data import layout
-from garment_jax.data.hdf5 import attributes_of, dataset, names_in, open_hdf5, read_window
+from garment_jax.data.hdf5 import attributes_of, dataset, has, names_in, open_hdf5, read_window
 from garment_jax.data.sequence import read_arrays
 from garment_jax.data.sequence_writer import MOTION_ONLY
 from garment_jax.intake.finding import Finding, Repair
@@ -118,7 +118,7 @@ class RawClip:
         self.close()
 
     def _check_version(self) -> None:
-        if "vertices_delta" in self._file:
+        if has(self._file, "vertices_delta", str(self.path)):
             raise ValueError(f"{self.path} is packed for transport; run `garment-jax import` first.")
         version = self.attributes.get("schema_version")
         if version != layout.SCHEMA_VERSION:
