@@ -44,9 +44,9 @@ class _Data(NamedTuple):
 def inspect_hdf5(path: Path) -> None:
     """Raise `ValueError` for an HDF5 file that reaches outside itself or asks for more than it holds.
 
-    External and user-defined links, links to nothing, external storage, virtual datasets, filters and types that are not
-    read, too many or too deeply nested objects, long names and texts, sizes far above what is stored. What
-    HDF5 cannot read is an `OSError` or another of h5py's errors.
+    External and user-defined links, links to nothing, external storage, virtual datasets, filters and types
+    that are not read, too many or too deeply nested objects, long names and texts, sizes far above what is
+    stored. What HDF5 cannot read is an `OSError` or another of h5py's errors.
     """
     with _opened(path) as (file, size):
         found = [

@@ -126,7 +126,8 @@ def test_a_long_name_takes_no_memory(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", code, str(tmp_path / "long.h5")]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: ")
     exit_code, peak = map(int, done.stdout.split())
     assert exit_code == 2
     assert peak * 1024 < 500e6
