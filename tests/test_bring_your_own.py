@@ -18,7 +18,7 @@ from garment_jax.cli import main as garment_jax
 from garment_jax.config import Config, DataConfig, to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.formats.blender import VARIABLE, run_blender
-from garment_jax.formats.usd import load_pxr
+from garment_jax.formats.usd_library import load_pxr
 from tests.intake.glb_files import write_glb
 from tests.intake.vto_files import write_vto
 from tests.reference.files import write_bvh, write_obj

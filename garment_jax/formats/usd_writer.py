@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.formats.usd import load_pxr
+from garment_jax.formats.usd_library import load_pxr
 
 _WRITER = "garment_jax"  # key of a layer's own data
 _SAVED_EVERY = 32  # frames; a binary layer that is saved keeps no values in memory
