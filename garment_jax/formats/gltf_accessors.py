@@ -8,7 +8,7 @@ from garment_jax.formats.gltf_container import GltfFile, element, whole
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-_MOST_ZEROS = 2**22  # elements of a sparse accessor without a base: its size is only announced
+_MOST_ZEROS = 2**20  # elements of a sparse accessor without a base: its size is only announced
 
 
 def read_accessor(file: GltfFile, index: Any, kind: str) -> np.ndarray:

@@ -11,8 +11,8 @@ from urllib.parse import unquote
 import numpy as np
 
 MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
-_LARGEST_JSON = 96 * 2**20  # bytes: a .gltf may carry its buffers in there as base64
-_MOST_PARTS = 3_000_000  # brackets and commas: each may become a Python object of 50 to 200 bytes
+_LARGEST_JSON = 64 * 2**20  # bytes: a .gltf may carry its buffers in there as base64
+_MOST_PARTS = 1_500_000  # brackets and commas: each may become a Python object of 50 to 200 bytes
 # What a reader of positions, weights and joints may overlook, or reads anyway (quantised attributes).
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_mesh_quantization")
 
@@ -110,13 +110,15 @@ def _parse(text: np.ndarray, path: Path) -> dict[str, Any]:
             f"{path}: its JSON has {len(text) / 2**20:.0f} MB, more than {_LARGEST_JSON / 2**20:.0f}; export "
             "it as .glb, or with its buffers beside it."
         )
-    parts = sum(text.tobytes().count(letter) for letter in b"[{,")
+    written = text.tobytes()
+    parts = sum(written.count(letter) for letter in b"[{,")
     if parts > _MOST_PARTS:
         raise ValueError(f"{path}: its JSON has {parts} parts; no rig needs more than {_MOST_PARTS}.")
     try:
-        document = json.loads(text.tobytes())
+        document = json.loads(written)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} holds no JSON that can be read ({str(error)[:80]}).") from None
+        where = f" at byte {error.pos}" if isinstance(error, json.JSONDecodeError) else ""
+        raise ValueError(f"{path} holds no JSON that can be read{where}; export it again.") from None
     if not isinstance(document, dict):
         raise ValueError(f"{path} is no glTF: its JSON is no object; export it again.")
     return document

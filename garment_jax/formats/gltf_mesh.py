@@ -1,5 +1,6 @@
 """The surface of a glTF body: skinned and rigid parts joined, and welded where exporters split them."""
 
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,11 +8,12 @@ import numpy as np
 from garment_jax.formats.gltf_container import GltfFile
 from garment_jax.formats.gltf_nodes import scene_matrices
 from garment_jax.formats.gltf_parts import Part
-from garment_jax.formats.gltf_primitives import Primitive, primitives_of, read_primitive
+from garment_jax.formats.gltf_primitives import Primitive, primitives_of, read_primitive, size_of
 from garment_jax.formats.gltf_rig import Skeleton
 
-_MOST_VERTICES = 2**21  # of all primitives together: many may name one accessor
-_MOST_WEIGHTS = 2**26  # vertices x joints, 256 MB
+_MOST_VERTICES = 2**20  # of all primitives together: many may name one accessor
+_MOST_PRIMITIVES = 2**12
+_MOST_WEIGHTS = 2**25  # vertices x joints, 128 MB
 
 
 class SkinnedMesh(NamedTuple):
@@ -31,16 +33,20 @@ def read_surface(file: GltfFile, skeleton: Skeleton) -> SkinnedMesh:
     without weight.
     """
     points, faces, pairs, total, corners = [], [], [], 0, 0
-    for part in skeleton.parts:
-        for primitive in primitives_of(file, part.mesh):
-            v, triangles, pair = _placed(file, skeleton, part, primitive)
-            points.append(v)
-            faces.append(triangles + total)
-            pairs.append(pair)
-            total += len(v)
-            corners += triangles.size
-            if max(total, corners // 8) > _MOST_VERTICES:
-                raise ValueError(f"{file.path} has over {_MOST_VERTICES} vertices; export a coarser body.")
+    each = ((part, primitive) for part in skeleton.parts for primitive in primitives_of(file, part.mesh))
+    wanted = list(islice(each, _MOST_PRIMITIVES + 1))
+    if len(wanted) > _MOST_PRIMITIVES:
+        raise ValueError(f"{file.path}: its body has over {_MOST_PRIMITIVES} primitives; join them.")
+    for part, primitive in wanted:
+        announced, around = size_of(file, primitive)
+        corners += around
+        if max(total + announced, corners // 8) > _MOST_VERTICES:
+            raise ValueError(f"{file.path} has over {_MOST_VERTICES} vertices; export a coarser body.")
+        v, triangles, pair = _placed(file, skeleton, part, primitive)
+        points.append(v)
+        faces.append(triangles + total)
+        pairs.append(pair)
+        total += len(v)
     if not faces or not sum(map(len, faces)):
         raise ValueError(f"{file.path}: its skinned mesh holds no triangles; export the body again.")
     return _weld(file, np.concatenate(points), np.concatenate(faces), _widened(pairs), len(skeleton.joints))

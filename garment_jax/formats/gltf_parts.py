@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from garment_jax.formats.gltf_container import GltfFile, element, whole
-from garment_jax.formats.gltf_nodes import Nodes
+from garment_jax.formats.gltf_nodes import Nodes, with_ancestors
 from garment_jax.formats.gltf_primitives import has_surface, primitives_of
 
 _FEW = 12  # names that a sentence lists
@@ -47,10 +47,12 @@ def choose_parts(file: GltfFile, nodes: Nodes, joints: dict[int, list[int]], cho
     Raises `ValueError`, with the names and the options, where there is none, or several skeletons.
     """
     first = _first_skins(joints)
-    parts = _all_parts(file, nodes, first)
+    above = _nearest_joints(nodes, first)
+    parts = _all_parts(file, nodes, first, above)
     hanging = {part: first.get(part.joint, -1) if part.skin is None else part.skin for part in parts}
     able = [part for part in parts if hanging[part] >= 0]
-    able = [part for part in able if has_surface(file, part.mesh)] or able
+    flat = {mesh for mesh in {part.mesh for part in able} if not has_surface(file, mesh)}
+    able = [part for part in able if part.mesh not in flat] or able
     if not able:
         raise ValueError(f"{file.path} holds no skinned mesh; export the body with its armature and skin.")
     wanted = [part for part in able if choice.mesh in (None, part.name, nodes.names[part.node])]
@@ -59,10 +61,10 @@ def choose_parts(file: GltfFile, nodes: Nodes, joints: dict[int, list[int]], cho
         raise ValueError(
             f"{file.path} has no skinned mesh {choice.mesh!r}; {choice.option('mesh')} takes one of {names}."
         )
-    skeletons = _skeletons(nodes, joints, first)
+    skeletons = _skeletons(joints, first, above)
     wanted = _of_one_skeleton(file, wanted, {part: skeletons[hanging[part]] for part in wanted}, choice)
     used = sorted({hanging[part] for part in wanted})
-    return Chosen(wanted, used, _notes(file, nodes, parts, wanted, choice))
+    return Chosen(wanted, used, _notes(file, nodes, parts, wanted, flat, choice))
 
 
 def holds_skinned_mesh(file: GltfFile) -> bool:
@@ -99,7 +101,18 @@ def _first_skins(joints: dict[int, list[int]]) -> dict[int | None, int]:
     return found
 
 
-def _all_parts(file: GltfFile, nodes: Nodes, joints: dict[int | None, int]) -> list[Part]:
+def _nearest_joints(nodes: Nodes, joints: dict[int | None, int]) -> list[int | None]:
+    """Return for every node the nearest joint above it."""
+    found: list[int | None] = [None] * len(nodes.names)
+    for node in with_ancestors(nodes.parents, list(range(len(nodes.names)))):
+        parent = int(nodes.parents[node])
+        found[node] = parent if parent in joints else None if parent < 0 else found[parent]
+    return found
+
+
+def _all_parts(
+    file: GltfFile, nodes: Nodes, joints: dict[int | None, int], above: list[int | None]
+) -> list[Part]:
     found = []
     for k, name in enumerate(nodes.names):
         node = file.json["nodes"][k]
@@ -110,12 +123,14 @@ def _all_parts(file: GltfFile, nodes: Nodes, joints: dict[int | None, int]) -> l
         skin = whole(file, node["skin"], f"the skin of node {k}") if "skin" in node else None
         if skin is not None:
             element(file, "skins", skin)
-        above = None if skin is not None else next((n for n in [k, *nodes.above(k)] if n in joints), None)
-        found.append(Part(k, index, title, skin, above))
+        hangs_on = None if skin is not None else k if k in joints else above[k]
+        found.append(Part(k, index, title, skin, hangs_on))
     return found
 
 
-def _skeletons(nodes: Nodes, joints: dict[int, list[int]], first: dict[int | None, int]) -> dict[int, int]:
+def _skeletons(
+    joints: dict[int, list[int]], first: dict[int | None, int], above: list[int | None]
+) -> dict[int, int]:
     """Return each skin's skeleton, named by its first skin.
 
     Skins are of one skeleton that share a joint, or of which one hangs on the other's joints.
@@ -129,8 +144,8 @@ def _skeletons(nodes: Nodes, joints: dict[int, list[int]], first: dict[int | Non
 
     for skin, listed in joints.items():
         for node in listed:
-            over = next((n for n in nodes.above(node) if n in first), node)
-            for other in (first[node], first[over]):
+            over = above[node]
+            for other in (first[node], first[node if over is None else over]):
                 a, b = sorted((top(skin), top(other)))
                 same[b] = a
     return {skin: top(skin) for skin in joints}
@@ -174,24 +189,25 @@ def _skeleton_names(file: GltfFile, skins: list[int]) -> dict[int, tuple[str, ..
 
 
 def _notes(
-    file: GltfFile, nodes: Nodes, parts: list[Part], taken: list[Part], choice: Choice
+    file: GltfFile, nodes: Nodes, parts: list[Part], taken: list[Part], flat: set[int], choice: Choice
 ) -> tuple[str, ...]:
     """Return what was joined and what was left out, each in a phrase."""
     skinned = list(dict.fromkeys(part.name for part in taken if part.skin is not None))
     rigid = [part for part in taken if part.skin is None]
-    out = [part for part in parts if part not in taken]
-    loose = [part for part in out if part.skin is None and part.joint is None]
-    flat = [part for part in out if part not in loose and not has_surface(file, part.mesh)]
-    other = [part for part in out if part not in loose and part not in flat]
-    morphed = [part for part in taken if any("targets" in each for each in primitives_of(file, part.mesh))]
+    out = set(parts) - set(taken)
+    loose = {part for part in out if part.skin is None and part.joint is None}
+    lines = {part for part in out - loose if part.mesh in flat}
+    other = out - loose - lines
+    morphed = {part.mesh for part in taken}
+    morphed = {mesh for mesh in morphed if any("targets" in each for each in primitives_of(file, mesh))}
     notes = {
         f"are one body; {choice.option('mesh')} takes one alone": skinned if len(skinned) > 1 else [],
         "have no skin and move with the joint that they hang on": [
             f"{nodes.names[part.node]} on {nodes.names[part.joint or 0]}" for part in rigid
         ],
-        "are left out, as they hang on no joint": [nodes.names[part.node] for part in loose],
-        "are left out, as they are no surfaces": [nodes.names[part.node] for part in flat],
-        "are left out, as they are not what is named": [part.name for part in other],
-        "are taken without their morph targets": [part.name for part in morphed],
+        "are left out, as they hang on no joint": [nodes.names[part.node] for part in parts if part in loose],
+        "are left out, as they are no surfaces": [nodes.names[part.node] for part in parts if part in lines],
+        "are left out, as they are not what is named": [part.name for part in parts if part in other],
+        "are taken without their morph targets": [part.name for part in taken if part.mesh in morphed],
     }
     return tuple(f"meshes {list_names(names)} {what}" for what, names in notes.items() if names)

@@ -7,6 +7,8 @@ import numpy as np
 from garment_jax.formats.gltf_accessors import read_accessor
 from garment_jax.formats.gltf_container import GltfFile, element
 
+_MOST_ANNOUNCED = 2**22  # elements that an accessor may have without bytes of its own
+_MOST_SETS = 8  # of four joints each that may move a vertex
 _TRIANGLES, _STRIP, _FAN = _SURFACES = 4, 5, 6
 
 
@@ -42,6 +44,19 @@ def _listed(file: GltfFile, mesh: int) -> list[dict[str, Any]]:
     return found
 
 
+def size_of(file: GltfFile, primitive: dict[str, Any]) -> tuple[int, int]:
+    """Return the vertices and the corners that a primitive announces, before they are read.
+
+    0 for what no file could hold: reading it says so.
+    """
+    given = primitive.get("attributes", {})
+    named = [given.get("POSITION") if isinstance(given, dict) else None, primitive.get("indices")]
+    most = _MOST_ANNOUNCED + sum(map(len, file.buffers))
+    counts = [None if k is None else element(file, "accessors", k).get("count") for k in named]
+    points, corners = (n if type(n) is int and 0 <= n <= most else 0 for n in counts)
+    return points, corners or points
+
+
 def read_primitive(file: GltfFile, primitive: dict[str, Any], joints: int, where: str) -> Primitive:
     """Return a primitive that is skinned to a list of `joints` joints, or to none where that is 0.
 
@@ -58,6 +73,10 @@ def read_primitive(file: GltfFile, primitive: dict[str, Any], joints: int, where
         none = np.zeros((len(points), 0))
         return Primitive(points, _triangles(file, primitive, len(points), where), none.astype(np.int64), none)
     sets = [k for k in range(len(given)) if f"JOINTS_{k}" in given]
+    if len(sets) > _MOST_SETS:
+        raise ValueError(
+            f"{where} has over {4 * _MOST_SETS} joints a vertex; limit them and export it again."
+        )
     index = [read_accessor(file, given[f"JOINTS_{k}"], "VEC4") for k in sets]
     weights = [_weights(file, given.get(f"WEIGHTS_{k}")) for k in sets]
     if any(len(part) != len(points) for part in index + weights):

@@ -68,6 +68,8 @@ def read_skeleton(file: GltfFile, choice: Choice = Choice()) -> Skeleton:
             world = place @ np.linalg.inv(inverse)
         skins[index] = Skin(joints[index], placements)
         _gather(file, bind, skins[index], world, nodes, choice)
+        if len(bind) > MOST_JOINTS:
+            raise ValueError(f"{file.path}: its skins have over {MOST_JOINTS} joints; export the body alone.")
     order = _joint_order(file, nodes, bind)
     names = unique_names(nodes.names[node] for node in order)
     matrices = np.stack([bind[node] for node in order])

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.formats.gltf_container import GltfFile
-from garment_jax.formats.gltf_primitives import primitives_of, read_primitive
+from garment_jax.formats.gltf_primitives import primitives_of, read_primitive, size_of
+
+_ENOUGH = 2**18  # vertices to judge by
 
 
 class Unbound(NamedTuple):
@@ -22,9 +24,12 @@ class Unbound(NamedTuple):
 
 def place_unbound(file: GltfFile, world: np.ndarray, meshes: list[int], skin: int) -> Unbound:
     """Return where the vertices of `meshes` stand; `world` `[j, 4, 4]`: the joints in the scene."""
-    own, standing, count = 0.0, 0.0, 0
+    own, standing, count, seen = 0.0, 0.0, 0, 0
     for mesh in meshes:
         for primitive in primitives_of(file, mesh):
+            seen += size_of(file, primitive)[0]
+            if seen > _ENOUGH:
+                break
             part = read_primitive(file, primitive, len(world), f"{file.path}: mesh {mesh}")
             joint = np.take_along_axis(part.index, part.weights.argmax(axis=1)[:, None], axis=1)[:, 0]
             own += np.linalg.norm((world[joint, :3, :3] @ part.points[:, :, None])[..., 0], axis=1).sum()

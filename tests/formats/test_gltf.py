@@ -384,8 +384,8 @@ def test_json_bombs_are_refused(tmp_path: Path):
     path.write_text("[" * 100_000)
     with pytest.raises(ValueError, match="holds no JSON that can be read"):
         read_rigged(path)
-    path.write_text('{"asset": [' + "[]," * 3_000_000 + "[]]}")
-    with pytest.raises(ValueError, match="its JSON has 6000003 parts"):
+    path.write_text('{"asset": [' + "[]," * 1_500_000 + "[]]}")
+    with pytest.raises(ValueError, match="its JSON has 3000003 parts"):
         read_rigged(path)
     path.write_text(json.dumps([1]))
     with pytest.raises(ValueError, match="its JSON is no object"):

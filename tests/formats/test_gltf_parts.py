@@ -180,3 +180,40 @@ def test_the_cases_are_whole_bodies(shared_cases: Path):
     np.testing.assert_allclose(np.ptp(body.vertices, axis=0), [1.72, 1.795, 0.3225], atol=1e-6)
     np.testing.assert_allclose(body.joints[body.joint_names.index("LeftFoot")], [0.09, 0.08, 0], atol=1e-6)
     assert "no inverse bind matrices" in notes[0]
+
+
+def test_one_accessor_many_times_fills_neither_memory_nor_time(tmp_path: Path):
+    built, data = made.document()
+    primitive = built["meshes"][0]["primitives"][0]
+    path = tmp_path / "bad.glb"
+    built["meshes"][0]["primitives"] = [primitive] * 5000
+    with pytest.raises(ValueError, match="its body has over 4096 primitives; join them"):
+        read_body(made.write_glb(path, built, data))
+    built["accessors"].append({"type": "SCALAR", "componentType": 5125, "count": 2**20, "bufferView": 3})
+    built["meshes"][0]["primitives"] = [primitive | {"indices": len(built["accessors"]) - 1}] * 9
+    with pytest.raises(ValueError, match="needs 4194304 bytes of a view of"):
+        read_body(made.write_glb(path, built, data))
+    built["meshes"][0]["primitives"] = [primitive]
+    for k in range(2, 12):
+        primitive["attributes"] |= {f"JOINTS_{k - 1}": 1, f"WEIGHTS_{k - 1}": 2}
+    with pytest.raises(ValueError, match="has over 32 joints a vertex; limit them"):
+        read_body(made.write_glb(path, built, data))
+
+
+def chain(built: dict, length: int) -> list[int]:
+    start = len(built["nodes"])
+    built["nodes"] += [{"name": f"n{k}", "children": [start + k + 1]} for k in range(length)] + [
+        {"name": "end"}
+    ]
+    built["nodes"][0]["children"].append(start)
+    return list(range(start, start + length))
+
+
+def test_long_chains_under_many_skins_are_read(tmp_path: Path):
+    built, data = made.document()
+    joints = chain(built, 500)
+    built["skins"] += [{"joints": joints} for _ in range(30)]
+    assert read_body(made.write_glb(tmp_path / "body.glb", built, data)).body.joint_names == made.NAMES
+    chain(built, 600)
+    with pytest.raises(ValueError, match="form a circle, or a chain of more than 512"):
+        read_body(made.write_glb(tmp_path / "body.glb", built, data))

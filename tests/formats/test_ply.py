@@ -71,3 +71,44 @@ def test_broken_files_are_refused(tmp_path: Path, text: str, sentence: str):
     (tmp_path / "a.ply").write_text(text)
     with pytest.raises(ValueError, match=sentence):
         read_ply(tmp_path / "a.ply")
+
+
+TRIANGLE = np.array([[0, 1, 0], [1, 1, 0], [1, 0, 0.5]])
+
+
+def triangle(end: str, mark: bytes = b"") -> bytes:
+    lines = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["element face 1", "property list uchar int vertex_index", "end_header"]
+    lines += ["0 1 0", "", "1 1 0", "1 0 0.5", "3 0 1 2", "more than announced"]
+    return mark + end.join(lines).encode()
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["plain", "mark"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
+def test_lines_end_as_they_like(tmp_path: Path, end: str, mark: bytes):
+    (tmp_path / "a.ply").write_bytes(triangle(end, mark))
+    found = read_ply(tmp_path / "a.ply")
+    np.testing.assert_array_equal(found.vertices, TRIANGLE)
+    assert found.faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (b"1 0 0.5", b"1 nan 0", "vertex 2 is .*not finite; export it again"),
+        (b"1 0 0.5", b"1 1e39 0", "vertex 2 is .*inf.*not finite"),
+        (b"1 0 0.5", b"1 " + b"1" * 2**20 + b" 0", "is cut short or damaged after its header"),
+        (b"1 0 0.5", b"1 " * 2**20, "is cut short or damaged after its header"),
+        (b"3 0 1 2", b"3 0 1 0.5", "a face names a vertex that is not among its 3"),
+        (b"3 0 1 2", b"-3 0 1 2", "is cut short or damaged after its header"),
+        (b"3 0 1 2", b"1e300 0 1 2", "is cut short or damaged after its header"),
+        (b"vertex 3", b"vertex " + b"9" * 5000, "the PLY header says 'element vertex 9+'"),
+        (b"float y", b"float x", "an element has no properties, or one twice"),
+        (b"float x", b"list uchar float x", "is cut short or damaged|holds no vertices x y z"),
+        (b"end_header", b"comment " + b"x" * 70_000 + b"\nend_header", "header is missing or has no end"),
+    ],
+)
+def test_damage_is_a_sentence(tmp_path: Path, old: bytes, new: bytes, sentence: str):
+    (tmp_path / "a.ply").write_bytes(triangle("\n").replace(old, new))
+    with pytest.raises(ValueError, match=sentence):
+        read_ply(tmp_path / "a.ply")
