@@ -172,7 +172,7 @@ def read_mesh(stage: Any, path: Path, folder: Path, *, mesh: str | None, option:
             file.write(points.astype("<f4", copy=False).tobytes())
     texture = {} if uv is None or faces_uv is None else {"uv": uv, "faces_uv": faces_uv}
     with (folder / "arrays.npz").open("wb") as file:
-        np.savez(file, faces=faces, **texture)
+        np.savez(file, faces=faces, **texture)  # pyright: ignore[reportArgumentType]
     rated = any(stage.HasAuthoredMetadata(f"{name}PerSecond") for name in ("timeCodes", "frames"))
     authored = pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage)
     _write(
