@@ -6,7 +6,9 @@ in one sentence and exit code 2.
 
 import argparse
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from garment_jax import __version__
@@ -26,6 +28,9 @@ from garment_jax.cli import (
     view,
 )
 from garment_jax.cli.leaving import INTERRUPTED, leave
+from garment_jax.cli.printable import show_safely
+
+FAULT = 70  # of this package, as sysexits.h has it
 
 COMMANDS = (
     simulate,
@@ -45,9 +50,10 @@ COMMANDS = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; return the exit code (0, 1 for a red stability report, 2 after a refusal)."""
+    """Return a command's exit code: 0, 1 for faults found, 2 after a refusal, `FAULT` for ours."""
     options = make_parser().parse_args(arguments)
     try:
+        check_paths(options)
         return options.run(options) or 0
     except BrokenPipeError:
         sys.stderr.close()  # the reader (head, less) has had enough; nothing is wrong
@@ -58,11 +64,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except Exception:  # ours, not the user's: never the code 1 of `validate`, which means faults found
+        traceback.print_exc()
+        print("error: this is a fault of garment-jax itself; please report the lines above.", file=sys.stderr)
+        return FAULT
 
 
 def program() -> NoReturn:
     """Run the command line's command and end the process."""
+    show_safely()
     leave(main())
+
+
+def check_paths(options: argparse.Namespace) -> None:
+    """Raise `OSError` for an option whose path runs in a circle of links."""
+    for name, value in vars(options).items():
+        for path in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(path, Path):
+                _check_links(path, f"--{name.replace('_', '-')} " if name == "out" else "")
+
+
+def _check_links(path: Path, option: str) -> None:
+    try:
+        path.resolve()
+    except (RuntimeError, OSError) as error:  # Python 3.13 raises the second
+        raise OSError(f"{option}{path} is a link that leads back to itself; name another place.") from error
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -94,9 +94,13 @@ def _import_packed(options: argparse.Namespace) -> None:
         raise ValueError(f"--{ignored[0].replace('_', '-')}: packed clips say that themselves; leave it out.")
     show = partial(print, flush=True)
     clips = import_clips(options.paths, options.out, body=options.body, progress=show)
-    new = sum(not clip.skipped for clip in clips)
-    frames = sum(clip.frames for clip in clips)
-    print(f"{options.out}: {len(clips)} clips, {frames} frames, {new} of them imported now")
+    kept = [clip for clip in clips if not clip.refused]
+    new = sum(not clip.skipped for clip in kept)
+    frames = sum(clip.frames for clip in kept)
+    print(f"{options.out}: {len(kept)} clips, {frames} frames, {new} of them imported now")
+    if len(kept) < len(clips):
+        lost = ", ".join(clip.source.name for clip in clips if clip.refused)
+        raise ValueError(f"left out: {lost}; the reasons are above.")
 
 
 def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:

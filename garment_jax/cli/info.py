@@ -18,11 +18,13 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run it; 2 if anything could not be read, which keeps nothing else from being told."""
     from garment_jax.data.info import format_description
+    from garment_jax.formats.damage import reading
 
     facts, refused = {}, False
     for path in options.paths:
         try:
-            found = facts[str(path)] = _describe(path)
+            with reading(path):
+                found = facts[str(path)] = _describe(path)
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             refused = True

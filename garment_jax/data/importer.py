@@ -24,6 +24,7 @@ from garment_jax.data.packed_clip import (
     read_scene,
 )
 from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.formats.damage import reads_foreign
 from garment_jax.structs import Scene
 
 SPLITS = ("train", "test")
@@ -36,6 +37,7 @@ class ImportedClip(NamedTuple):
     path: Path
     frames: int
     skipped: bool  # it was there already, made from the same content
+    refused: str = ""  # why it could not be read
 
 
 def import_clips(
@@ -49,22 +51,30 @@ def import_clips(
 
     `body` is the rigged body's `.npz`; without it the clip's own `body` attribute is followed, from the
     folder above the clip's. Its `collider.npz` is beside it, `pins.npz` beside the clip. A clip whose
-    content (with body, collider and pins) has been imported already is skipped. Raises ValueError or
-    OSError in one sentence; clips finished before the error stay.
+    content (with body, collider and pins) has been imported already is skipped. One that is refused gets a
+    line, and the others go on; a single one raises ValueError or OSError in one sentence.
     """
     sources = _list_clips(paths)
     clips: list[ImportedClip] = []
     for i, source in enumerate(sources):
         begin = time.perf_counter()
-        clip = import_clip(source, out, body=body, taken=[done.path for done in clips])
+        count = f"[{i + 1:>{len(str(len(sources)))}}/{len(sources)}]"
+        try:
+            taken = [done.path for done in clips if not done.refused]
+            clip = import_clip(source, out, body=body, taken=taken)
+        except (ValueError, OSError) as error:
+            if len(sources) == 1:
+                raise
+            clips.append(ImportedClip(source, Path(out), 0, skipped=False, refused=str(error)))
+            progress(f"{count} left out: {error}")
+            continue
         clips.append(clip)
         took = "already there" if clip.skipped else f"{time.perf_counter() - begin:.1f} s"
-        progress(
-            f"[{i + 1:>{len(str(len(sources)))}}/{len(sources)}] {clip.path} {clip.frames} frames, {took}"
-        )
+        progress(f"{count} {clip.path} {clip.frames} frames, {took}")
     return clips
 
 
+@reads_foreign
 def import_clip(
     source: str | Path, out: str | Path, *, body: str | Path | None = None, taken: Iterable[Path] = ()
 ) -> ImportedClip:

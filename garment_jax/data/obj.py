@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.formats.damage import reads_foreign
 from garment_jax.formats.obj import parse_obj
 from garment_jax.formats.obj_statements import index_of, read_statements, shown
 from garment_jax.structs import Garment
 
 
+@reads_foreign
 def read_garment(path: str | Path, *, uv_required: bool = True) -> Garment:
     """Read positions, texture coordinates and faces (polygons as fans); lengths as they stand in the file.
 
@@ -23,6 +25,7 @@ def read_garment(path: str | Path, *, uv_required: bool = True) -> Garment:
     return Garment(mesh.vertices, mesh.faces, mesh.uv, mesh.faces_uv)
 
 
+@reads_foreign
 def read_group(path: str | Path, name: str) -> np.ndarray:
     """Return the vertices, ascending, of the faces and points under the group or object `name`.
 

@@ -26,6 +26,7 @@ from garment_jax.data.hdf5 import (
     read_window,
 )
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, MOTION_ONLY, SequenceWriter
+from garment_jax.formats.damage import reads_foreign
 from garment_jax.structs import Motion, Scene
 
 __all__ = ["DEFAULT_SCALE", "Sequence", "SequenceWriter", "open_sequence"]
@@ -132,6 +133,7 @@ class Sequence:
             )
 
 
+@reads_foreign
 def open_sequence(path: str | Path) -> Sequence:
     """Open a sequence file for reading.
 

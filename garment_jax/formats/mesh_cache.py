@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.formats.damage import reads_foreign
+
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 SUFFIXES = (".pc2", ".mdd", ".abc", *USD_SUFFIXES)
 
@@ -72,6 +74,7 @@ class Frames:
         return self._read(frames % len(self), frames % len(self) + 1)[0]
 
 
+@reads_foreign
 def read_cache(
     path: str | Path, *, mesh: str | None = None, option: str = "--mesh", blender: str | None = None
 ) -> MeshCache:

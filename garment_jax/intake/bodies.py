@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 
 from garment_jax.data.npz import load_body
 from garment_jax.data.validation import LARGEST, SMALLEST
+from garment_jax.formats.damage import reads_foreign
 from garment_jax.formats.gltf import read_body
 from garment_jax.formats.smpl import is_smpl, read_smpl
 from garment_jax.intake.units import to_metres_y_up
@@ -39,6 +40,7 @@ def load_any_body(
     return read_any_body(path, betas=betas, unit=unit, up=up, mesh=mesh, skeleton=skeleton).body
 
 
+@reads_foreign
 def read_any_body(
     path: str | Path,
     *,

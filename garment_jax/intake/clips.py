@@ -17,6 +17,7 @@ from garment_jax.data.content_hash import body_hash, stored_attribute, stored_ha
 from garment_jax.data.hdf5 import can_open
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.formats.damage import reading
 from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
@@ -59,7 +60,8 @@ def import_sources(
         begin = time.perf_counter()
         path = out / ("test" if names[i] in test else "train") / f"{names[i]}.h5"
         try:
-            outcome = _import_source(source, path, settings, progress)
+            with reading(source.path):
+                outcome = _import_source(source, path, settings, progress)
         except (ValueError, OSError) as error:
             if len(sources) == 1:
                 raise

@@ -15,6 +15,7 @@ from garment_jax.body.bvh import BvhClip, read_bvh
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.resample import between, sample_times, slerp
 from garment_jax.body.retarget import cmu_joint_table, retarget, source_rate
+from garment_jax.formats.damage import reads_foreign
 from garment_jax.formats.rotation_vectors import SmplMotion
 from garment_jax.formats.smpl import standard_parents
 from garment_jax.intake.units import metres_per_unit, settle_unit, turn_to_y_up
@@ -44,6 +45,7 @@ class _Track(NamedTuple):
     fps: float | None
 
 
+@reads_foreign
 def read_motion(
     path: str | Path,
     body: RiggedBody,

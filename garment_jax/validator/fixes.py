@@ -10,6 +10,7 @@ import numpy as np
 
 from garment_jax.body.bvh import read_bvh
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, SequenceWriter
+from garment_jax.formats.damage import reading
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.intake.finding import Finding, Repair
 from garment_jax.structs import RiggedBody
@@ -91,7 +92,8 @@ def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None 
         return Fixed(path, None, [], "it is not there")
     to = target(path, files, out)
     try:
-        done = fixer(path, to, fps)
+        with reading(path):
+            done = fixer(path, to, fps)
     except (ValueError, OSError) as error:
         return Fixed(path, None, [], str(error).removeprefix(f"{path}: "))
     return Fixed(path, to if done else None, done)

@@ -8,6 +8,7 @@ import numpy as np
 
 from garment_jax.data.npz import load_body
 from garment_jax.data.obj import read_garment
+from garment_jax.formats.damage import reading
 from garment_jax.formats.gltf import holds_motion_alone, read_animation
 from garment_jax.formats.mesh_cache import SUFFIXES as CACHES
 from garment_jax.formats.mesh_cache import read_cache
@@ -93,21 +94,24 @@ def validate_file(
     }
     suffix, kind = path.suffix.lower(), "unknown"
     try:
-        if not path.exists():
-            raise FileNotFoundError(f"{path} is not there; name files or folders to validate.")
-        if path.is_dir() and not list(_inside(path)):
-            raise FileNotFoundError(f"{path} holds none of {', '.join(KNOWN)}; name the files' own folder.")
-        if path.is_dir() or suffix in CACHES:
-            kind, found = "mesh sequence", _check_cache(path, options, template)
-        elif suffix in checks:
-            kind, found = checks[suffix]()
-        else:
-            raise ValueError(f"{path}: {suffix or 'no ending'} is not read; it reads {', '.join(KNOWN)}.")
-    except MemoryError:
-        found = [Finding("readable", "error", "it does not fit into memory", remedy="cut it into clips")]
+        with reading(path):
+            _check_there(path)
+            if path.is_dir() or suffix in CACHES:
+                kind, found = "mesh sequence", _check_cache(path, options, template)
+            elif suffix in checks:
+                kind, found = checks[suffix]()
+            else:
+                raise ValueError(f"{path}: {suffix or 'no ending'} is not read; it reads {', '.join(KNOWN)}.")
     except _RAISED as error:
         found = [refusal(error, path)]
     return Report(str(path), kind, found)
+
+
+def _check_there(path: Path) -> None:
+    if not path.exists():
+        raise FileNotFoundError(f"{path} is not there; name files or folders to validate.")
+    if path.is_dir() and not list(_inside(path)):
+        raise FileNotFoundError(f"{path} holds none of {', '.join(KNOWN)}; name the files' own folder.")
 
 
 def check_garment(path: Path) -> list[Finding]:

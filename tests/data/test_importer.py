@@ -226,8 +226,19 @@ def test_a_packed_clip_is_not_written_over(tmp_path: Path):
 def test_two_clips_of_one_name_are_refused(tmp_path: Path):
     first = write_packed(tmp_path / "a", frames=3)
     second = write_packed(tmp_path / "b", frames=4)
-    with pytest.raises(ValueError, match="was just written from another clip; rename one"):
-        import_clips([first, second], tmp_path / "out", progress=quiet)
+    kept, lost = import_clips([first, second], tmp_path / "out", progress=quiet)
+    assert (kept.frames, kept.refused) == (3, "")
+    assert "was just written from another clip; rename one" in lost.refused
+
+
+def test_one_bad_clip_of_three_does_not_stop_the_others(tmp_path: Path):
+    paths = [write_packed(tmp_path / name, f"train_{name}", 3) for name in "abc"]
+    paths[1].write_bytes(paths[1].read_bytes()[:3000])
+    outcomes = import_clips(paths, tmp_path / "out", progress=quiet)
+    assert [bool(outcome.refused) for outcome in outcomes] == [False, True, False]
+    assert "is truncated" in outcomes[1].refused
+    with pytest.raises(OSError, match="is truncated"):
+        import_clips([paths[1]], tmp_path / "out", progress=quiet)
 
 
 def test_shared_clip_decodes_and_its_pins_follow_the_body(shared_data: Path, tmp_path: Path):
