@@ -26,6 +26,9 @@ import jax
 import numpy as np
 from jax import monitoring
 
+from garment_jax.storage.scratch import scratch
+from garment_jax.storage.whole import replaced
+
 CACHE_VARIABLE = "GARMENT_JAX_CACHE"
 _KEPT = 64  # programs; the oldest go
 _BEING_WRITTEN = 60.0  # seconds: what is younger may be another process' that goes on writing
@@ -50,10 +53,8 @@ def usable(folder: Path | None) -> Path | None:
     if folder is None:
         return None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".probe.{os.getpid()}"
-        probe.write_bytes(b"")
-        probe.unlink()
+        with scratch(folder) as probe:
+            (probe / "probe").write_bytes(b"")
     except (OSError, RuntimeError):  # RuntimeError: no home directory
         return None
     return folder
@@ -138,7 +139,7 @@ def _mend(folder: Path) -> None:
     """
     torn = [path for path in folder.glob("xla-*/*-cache") if not path.with_name(_used(path.name)).exists()]
     torn = torn if importlib.util.find_spec("filelock") else []  # without it there are no such times
-    for path in [*torn, *folder.glob("programs/*.tmp")]:
+    for path in torn:
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > _BEING_WRITTEN:
                 path.unlink()
@@ -229,12 +230,9 @@ def _read(path: Path) -> tuple[Any, Any] | None:
 def _write(path: Path, compiled: Any, shapes: Any) -> None:
     from jax.experimental.serialize_executable import serialize
 
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(pickle.dumps((*serialize(compiled), shapes)))
-        os.replace(temporary, path)
+    with suppress(Exception):  # a full disk, or a program that cannot be kept: the next start compiles again
+        with replaced(path) as (made,):
+            made.write_bytes(pickle.dumps((*serialize(compiled), shapes)))
         kept = sorted(path.parent.glob("*.program"), key=lambda p: p.stat().st_mtime)
         for old in kept[:-_KEPT]:
             old.unlink(missing_ok=True)
-    except Exception:  # a full disk, or a program that cannot be kept: the next start compiles again
-        temporary.unlink(missing_ok=True)

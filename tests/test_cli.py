@@ -73,7 +73,7 @@ def test_evaluate_replaces_its_own_figures_alone(tmp_path: Path, monkeypatch, ca
         assert reason in capsys.readouterr().err
         assert Path(name).read_text() == text
     assert main(["evaluate", "p.h5", "p.h5", "--out", "a" * 300 + ".json"]) == 2
-    assert "is a name of 305 bytes, more than 240; give a shorter one." in capsys.readouterr().err
+    assert "is a name of 305 bytes, more than 255; give a shorter one." in capsys.readouterr().err
     for _ in range(2):
         assert main(["evaluate", "p.h5", "p.h5", "--every", "6", "--out", "new.json"]) == 0
 

@@ -12,8 +12,9 @@ PACKAGE = Path(__file__).parents[1] / "garment_jax"
 ROOMS = (
     "structs",
     "config",
-    "programs",
+    "storage",
     "progress",
+    "programs",
     "geometry",
     "body",
     "embedded",

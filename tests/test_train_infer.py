@@ -110,7 +110,7 @@ def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, c
         ([model, "--motion", clip, "--out", other], "other.h5 is there and neither infer.py nor collide"),
         ([model, "--motion", clip, "--out", "."], ". is a folder; name a sequence file"),
         (["nowhere", "--motion", clip, "--out", ".", "--budget-ms", "1"], ". is a folder; name a sequence"),
-        ([model, "--motion", clip, "--out", "a" * 300], "is a name of 300 bytes, more than 240"),
+        ([model, "--motion", clip, "--out", "a" * 300], "is a name of 300 bytes, more than 255"),
         ([model, "--motion", clip, "--out", out, "--preroll", "-1"], "--preroll -1 is negative"),
     ):
         assert sentence in refused(call(infer, words, monkeypatch), capsys.readouterr())

@@ -1,25 +1,15 @@
 """JSON files that appear whole or not at all."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
+from garment_jax.storage.whole import write_text
+
 
 def write_json(path: Path, value: Any) -> None:
-    """Write `value` under a temporary name, then move it into place; a NaN becomes null."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write `value`, whole or not at all; a NaN becomes null."""
     write_text(path, json.dumps(finite(value), indent=1, ensure_ascii=False) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write `text` under a temporary name, then move it into place."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_json(path: Path) -> Any:

@@ -8,8 +8,9 @@ Rollouts and latent shapes stay behind, and the pictures of them.
 import json
 from pathlib import Path
 
-from garment_jax.benchmark.files import read_json, write_json, write_text
+from garment_jax.benchmark.files import read_json, write_json
 from garment_jax.benchmark.plan import SIMULATE, TRAIN, Job, Plan, known_training
+from garment_jax.storage.whole import write_text
 
 
 def take_over(plan: Plan, kept: Path) -> list[str]:

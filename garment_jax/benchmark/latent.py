@@ -16,6 +16,7 @@ from garment_jax.data.template import Template
 from garment_jax.generative.network import decode, encode
 from garment_jax.geometry.skinning import unskin_frames
 from garment_jax.rollout.model import Model, template_for
+from garment_jax.storage.whole import written_whole
 from garment_jax.structs import Motion
 from garment_jax.training.pipeline import trained_model
 
@@ -61,10 +62,8 @@ def measure_latent(plan: Plan, job: Job) -> None:
     shapes_of = jax.jit(lambda pair: between(model, pair, template))
     rows = [np.asarray(shapes_of(pair)) for pair in ends]
     figures = [smoothness(row) for row in rows]
-    partial = job.done.with_suffix(".partial.npz")
-    partial.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(partial, shapes=np.stack(rows[:SHOWN]).astype(np.float32))
-    partial.replace(job.done.with_suffix(".npz"))
+    with written_whole(job.done.with_suffix(".npz")) as (made,):
+        np.savez_compressed(made, shapes=np.stack(rows[:SHOWN]).astype(np.float32))
     record = {
         "row": job.row,
         "run": job.run,

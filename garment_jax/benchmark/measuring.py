@@ -14,6 +14,7 @@ from garment_jax.benchmark.plan import Job, Plan, is_reconstruction
 from garment_jax.benchmark.settings import Row
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.evaluation.command import evaluate_files
+from garment_jax.storage.whole import replaced
 
 
 def measure_row(plan: Plan, job: Job) -> None:
@@ -21,16 +22,13 @@ def measure_row(plan: Plan, job: Job) -> None:
     row = plan.loaded.row(job.row)
     runner = load(row, plan.run_dir(job.run), plan.config(row, job.seed))
     folder = plan.rollouts(job)
-    partial = folder.with_name(folder.name + ".partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
+    shutil.rmtree(folder, ignore_errors=True)  # without a record: of a job that did not end
     clips = {}
-    for truth in plan.test:
-        write_prediction(row, runner, truth, partial / truth.name)
-        found = evaluate_files(partial / truth.name, truth, every=plan.settings.every, arms=False)
-        clips[truth.stem] = clip_record(found, plan.settings.lengths)
-    shutil.rmtree(folder, ignore_errors=True)
-    partial.rename(folder)
+    with replaced(folder) as (made,):
+        for truth in plan.test:
+            write_prediction(row, runner, truth, made / truth.name)
+            found = evaluate_files(made / truth.name, truth, every=plan.settings.every, arms=False)
+            clips[truth.stem] = clip_record(found, plan.settings.lengths)
     record = {
         "row": row.name,
         "run": job.run,

@@ -12,6 +12,7 @@ from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture, read_frames
+from garment_jax.storage.whole import written_whole
 
 HEIGHT, COLUMNS = 260, 5
 REBUILT = ("vertex_decoder", "ssdr_linear", "auto_encoder")
@@ -121,9 +122,5 @@ def _latent_sheet(latent: dict[str, Any], clip: Path, folder: Path) -> Path:
 
 
 def _save(sheet: Any, path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        sheet.save(temporary, format="PNG", optimize=True)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as (made,):
+        sheet.save(made, format="PNG", optimize=True)

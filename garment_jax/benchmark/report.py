@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from garment_jax.benchmark import paper
-from garment_jax.benchmark.files import finite, write_text
+from garment_jax.benchmark.files import finite
 from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.page import make_page
 from garment_jax.benchmark.plan import Plan
@@ -26,6 +26,7 @@ from garment_jax.benchmark.tables import (
     to_markdown,
     vto_table,
 )
+from garment_jax.storage.whole import write_text
 
 UNMEASURED = {"sted_window_frames": 15, "sted_c": 0.1, "penetration_tolerance_mm": 0.1}
 VTO_COMMAND = "garment-jax benchmark configs/benchmark_vto.toml --data DIR"

@@ -15,6 +15,7 @@ from garment_jax.benchmark.files import read_json
 from garment_jax.benchmark.keeping import keep, take_over
 from garment_jax.benchmark.plan import SIMULATE, TIME, TRAIN, Job, Plan
 from garment_jax.benchmark.worker import make_plan, told_job
+from garment_jax.storage.lock import locked
 
 WORKER = (sys.executable, "-m", "garment_jax.benchmark.worker")
 
@@ -44,30 +45,30 @@ def benchmark(
     """
     told = _told(path, data, out, quick=quick, only=only)
     plan = make_plan(told)
-    plan.out.mkdir(parents=True, exist_ok=True)
-    if kept is not None:
-        show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")
-    failed: dict[Path, str] = {}
-    while not report_only:
-        job = next_job(plan, failed)
-        if job is None:
-            break
-        began = time.monotonic()
-        show(f"{describe(plan, job)} ...")
-        code = run_job(told, job, timed_by=timed_by if job.kind in (TIME, SIMULATE) else "")
-        if code or not job.done.is_file():
-            failed[job.done] = f"{describe(plan, job)} failed (exit code {code})"
-            show(failed[job.done])
-        else:
-            show(f"{describe(plan, job)} took {time.monotonic() - began:.0f} s")
-            if kept is not None:
-                keep(plan, Path(kept))
-    if kept is not None:
-        keep(plan, Path(kept))
-    from garment_jax.benchmark.report import write_report
+    with locked(plan.out, "running a benchmark", remedy="name another --out"):
+        if kept is not None:
+            show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")
+        failed: dict[Path, str] = {}
+        while not report_only:
+            job = next_job(plan, failed)
+            if job is None:
+                break
+            began = time.monotonic()
+            show(f"{describe(plan, job)} ...")
+            code = run_job(told, job, timed_by=timed_by if job.kind in (TIME, SIMULATE) else "")
+            if code or not job.done.is_file():
+                failed[job.done] = f"{describe(plan, job)} failed (exit code {code})"
+                show(failed[job.done])
+            else:
+                show(f"{describe(plan, job)} took {time.monotonic() - began:.0f} s")
+                if kept is not None:
+                    keep(plan, Path(kept))
+        if kept is not None:
+            keep(plan, Path(kept))
+        from garment_jax.benchmark.report import write_report
 
-    for written in write_report(plan, told):
-        show(str(written))
+        for written in write_report(plan, told):
+            show(str(written))
     return len(failed)
 
 

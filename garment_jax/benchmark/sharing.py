@@ -13,7 +13,9 @@ from pathlib import Path
 from garment_jax.benchmark.files import read_json, write_json
 from garment_jax.benchmark.identity import stage_name
 from garment_jax.config import Config, content_hash, to_dict
-from garment_jax.training.checkpoint import FOLDER
+from garment_jax.data.stored_arrays import digest_path
+from garment_jax.storage.whole import replaced, write_text
+from garment_jax.training.checkpoint import FOLDER, seal
 from garment_jax.training.log import FILE_NAME, read_log
 
 NAMES = "stages.json"  # in a run's folder: stage -> name
@@ -26,7 +28,9 @@ def share_prepared(run: Path, others: Path) -> None:
     cache = run / "cache"
     cache.mkdir(parents=True, exist_ok=True)
     for source in sorted(others.glob("*/cache/*.npy")):
-        _link(source, cache / source.name)
+        digest = digest_path(source)
+        for path in (source, digest) if digest.is_file() else ():
+            _link(path, cache / path.name)
 
 
 def share_stages(run: Path, others: Path, config: Config, data: str) -> list[str]:
@@ -60,22 +64,19 @@ def _runs_with(others: Path, stage: str, name: str) -> Iterator[Path]:
 def _take(stage: str, steps: int, other: Path, run: Path, config: Config) -> None:
     """Link one finished stage; its description then names the new run's configuration."""
     target = run / FOLDER / stage / str(steps)
-    partial = target.with_name(f"{steps}.taken")
-    shutil.rmtree(partial, ignore_errors=True)
-    shutil.copytree(other / FOLDER / stage / str(steps), partial, copy_function=os.link)
-    described = read_json(partial / "metadata.json")
-    described["metadata"] |= {"config": to_dict(config), "config_hash": content_hash(config)}
-    write_json(partial / "metadata.json", described)  # replaces the link, the other run keeps its own
-    if stage == "generative" and (other / "cache" / CODES).is_file():
-        (run / "cache").mkdir(exist_ok=True)
-        _link(other / "cache" / CODES, run / "cache" / CODES)
-    # the log first: a stage that is there has its lines
-    kept = [entry for entry in read_log(run) if entry["stage"] != stage]
-    lines = [json.dumps(entry) + "\n" for entry in [*kept, *read_log(other, stage=stage)]]
-    temporary = run / f"{FILE_NAME}.partial"
-    temporary.write_text("".join(lines), encoding="utf-8")
-    os.replace(temporary, run / FILE_NAME)
-    os.replace(partial, target)
+    with replaced(target) as (taken,):
+        shutil.copytree(other / FOLDER / stage / str(steps), taken, copy_function=os.link)
+        described = read_json(taken / "metadata.json")
+        described["metadata"] |= {"config": to_dict(config), "config_hash": content_hash(config)}
+        write_json(taken / "metadata.json", described)  # replaces the link, the other run keeps its own
+        seal(taken)
+        if stage == "generative" and (other / "cache" / CODES).is_file():
+            (run / "cache").mkdir(exist_ok=True)
+            _link(other / "cache" / CODES, run / "cache" / CODES)
+        # the log first: a stage that is there has its lines
+        kept = [entry for entry in read_log(run) if entry["stage"] != stage]
+        lines = [json.dumps(entry) + "\n" for entry in [*kept, *read_log(other, stage=stage)]]
+        write_text(run / FILE_NAME, "".join(lines))
 
 
 def _link(source: Path, target: Path) -> None:

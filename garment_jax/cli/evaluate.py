@@ -28,9 +28,9 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.command import evaluate_files
     from garment_jax.evaluation.table import format_table
-    from garment_jax.export.written_whole import written_whole
     from garment_jax.formats.damage import reading
     from garment_jax.progress import FrameProgress
+    from garment_jax.storage.whole import written_whole
 
     pairs = pair_files(options.pred, options.truth)
     if options.out is not None:

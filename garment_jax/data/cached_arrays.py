@@ -1,6 +1,5 @@
 """Arrays that a run makes once: read from its cache, or made and stored there."""
 
-import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 
 from garment_jax.formats.limits import LARGEST_ARCHIVE
 from garment_jax.formats.npz import read_npz
+from garment_jax.storage.whole import written_whole
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -26,17 +26,8 @@ def cached_arrays(
         if fits(stored):
             return stored
     arrays = make()
-    partial = path.with_suffix(".partial.npz")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(partial, **arrays)  # type: ignore[arg-type]
-        os.replace(partial, path)
-    except OSError as error:
-        raise OSError(
-            f"{path} could not be written ({error.strerror}); free some space or choose another --run-dir."
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_whole(path, remedy="free some space or choose another --run-dir") as (made,):
+        np.savez(made, **arrays)  # type: ignore[arg-type]
     return arrays
 
 

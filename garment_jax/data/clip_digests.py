@@ -6,8 +6,9 @@ an import anew.
 
 import hashlib
 import json
-import os
 from pathlib import Path
+
+from garment_jax.storage.whole import write_text
 
 NAME = "clips.json"
 
@@ -37,10 +38,4 @@ class ClipDigests:
         return digest
 
     def _save(self) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self._path.with_name(f".{NAME}.{os.getpid()}.tmp")
-        try:
-            temporary.write_text(json.dumps(self._known, indent=1) + "\n", encoding="utf-8")
-            os.replace(temporary, self._path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_text(self._path, json.dumps(self._known, indent=1) + "\n")

@@ -25,6 +25,7 @@ from garment_jax.data.packed_clip import (
 )
 from garment_jax.data.sequence_writer import SequenceWriter
 from garment_jax.formats.damage import reads_foreign
+from garment_jax.storage.lock import lock_name, locked
 from garment_jax.structs import Scene
 
 SPLITS = ("train", "test")
@@ -94,12 +95,13 @@ def import_clip(
             raise ValueError(f"{source}: {path} was just written from another clip; rename one of them.")
         frames = len(dataset(file, "root", str(source)))
         content = _content_hash([source, *(asset for asset in assets if asset is not None)])
-        if stored_hash(path) == content:
-            return ImportedClip(source, path, frames, skipped=True)
-        _check_replaceable(path, source, attributes)
-        scene = read_scene(file, assets, str(source))
-        attributes |= {"name": name, "kind": "simulated", "content_hash": content}
-        _write(path, file, scene, attributes, str(source))
+        with locked(Path(out), f"importing {name}", name=lock_name(name)):
+            if stored_hash(path) == content:
+                return ImportedClip(source, path, frames, skipped=True)
+            _check_replaceable(path, source, attributes)
+            scene = read_scene(file, assets, str(source))
+            attributes |= {"name": name, "kind": "simulated", "content_hash": content}
+            _write(path, file, scene, attributes, str(source))
     return ImportedClip(source, path, frames, skipped=False)
 
 

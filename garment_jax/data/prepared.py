@@ -4,11 +4,9 @@ The large arrays (vertices and inverse-skinning targets) go into memory-mapped f
 named by the content that they were made from; batches read the frames that they need.
 """
 
-import errno
 import functools
 import hashlib
 import json
-import os
 import sys
 from collections.abc import Mapping
 from collections.abc import Sequence as List
@@ -27,6 +25,7 @@ from garment_jax.data.clip_digests import ClipDigests
 from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.data.stored_arrays import StoredArray, stored_array, stored_arrays
 from garment_jax.data.template import STD_FLOOR, Statistics, canonical_weights
 from garment_jax.data.validation import check_clip, check_input, check_same_attachment, check_same_garment
 from garment_jax.geometry.skinning import unskin_fixed_point, unskin_frames
@@ -159,26 +158,17 @@ def _prepare_clip(
     # not `with_suffix`: clips waltz.1 and waltz.2 would share a file
     names = {part: cache.with_name(f"{cache.name}.{part}.npy") for part in parts}
     shape = (sequence.frames, *sequence.scene.garment.template.shape)
-    arrays = {part: _stored(name, shape) for part, name in names.items()}
+    arrays = {part: stored_array(name, shape) for part, name in names.items()}
     missing = {part: names[part] for part, array in arrays.items() if array is None}
     if missing:
         print(f"prepare: {sequence.name}, {sequence.frames} frames", file=sys.stderr)
         check_clip(sequence, joints=config.body.motion_joints)
         _compute_arrays(sequence, inputs, seeds, W, config, missing)
-        arrays |= {part: _stored(name, shape) for part, name in missing.items()}
+        arrays |= {part: stored_array(name, shape) for part, name in missing.items()}
     V, T_tilde, U = arrays["V"], arrays.get("T_tilde"), arrays.get("U", arrays["V"])
     assert V is not None
     assert U is not None
     return PreparedClip(sequence.name, V, U, T_tilde, inputs, False, sequence.motion)
-
-
-def _stored(name: Path, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return an array of the cache, memory-mapped; None where it is not there, or damaged."""
-    try:
-        array = np.load(name, mmap_mode="r")
-    except (OSError, ValueError, EOFError):
-        return None
-    return array if array.shape == shape and array.dtype == np.float32 else None
 
 
 def _compute_arrays(
@@ -196,49 +186,12 @@ def _compute_arrays(
     garment, body = sequence.scene.garment, sequence.scene.body
     T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
     shape = (sequence.frames, *T.shape)
-    for name in names.values():
-        name.parent.mkdir(parents=True, exist_ok=True)
-    partial = {part: name.with_suffix(".partial") for part, name in names.items()}
-    try:
-        arrays = {part: _reserved(path, shape) for part, path in partial.items()}
+    with stored_arrays(names, shape) as arrays:
         _fill(arrays, sequence, inputs, seeds, W, config, T)
-        for array in arrays.values():
-            array.flush()
-    except BaseException:
-        for path in partial.values():
-            path.unlink(missing_ok=True)
-        raise
-    for part, name in names.items():
-        os.replace(partial[part], name)
-
-
-def _reserved(path: Path, shape: tuple[int, ...]) -> np.memmap:
-    """Return a new array in a file that has its room on the disk: a full one ends the process at a write."""
-    try:
-        array = np.lib.format.open_memmap(path, "w+", np.float32, shape)
-        _reserve(path)
-    except OSError as error:
-        raise OSError(
-            f"the prepared clips could not be written to {path.parent} ({error.strerror}); free some space "
-            "or choose another --run-dir."
-        ) from error
-    return array
-
-
-def _reserve(path: Path) -> None:
-    """Ask for a file's room on the disk, where the system and the disk know how to."""
-    if not hasattr(os, "posix_fallocate"):
-        return
-    with path.open("r+b") as file:
-        try:
-            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
-        except OSError as error:
-            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
-                raise
 
 
 def _fill(
-    arrays: Mapping[str, np.ndarray],
+    arrays: Mapping[str, StoredArray],
     sequence: Sequence,
     inputs: MotionInput,
     seeds: Seeds,
@@ -254,16 +207,18 @@ def _fill(
         world = sequence.read(window.start, window.stop).astype(np.float64)
         V = to_root(world, inputs.root[window], inputs.yaw[window]).astype(np.float32)
         if "V" in arrays:
-            arrays["V"][window] = V
+            arrays["V"].write(start, V)
         if "T_tilde" in arrays:
-            arrays["T_tilde"][window] = _unpose(
+            T_tilde = _unpose(
                 *map(jnp.asarray, (V, inputs.R_seed[window], inputs.t_seed[window], T, seeds.points)),
                 tau=config.body.tau,
                 iterations=config.body.skin_iterations,
             )
+            arrays["T_tilde"].write(start, np.asarray(T_tilde))
         if "U" in arrays:
             assert W is not None
-            arrays["U"][window] = unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window])
+            U = unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window])
+            arrays["U"].write(start, np.asarray(U))
 
 
 @functools.partial(jax.jit, static_argnames=("tau", "iterations"))

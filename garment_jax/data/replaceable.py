@@ -7,7 +7,6 @@ from pathlib import Path
 from garment_jax.data.content_hash import stored_attribute
 
 LONGEST_NAME = 255  # bytes that file systems take
-_TEMPORARY = 15  # bytes, at most, that the name under which a file is built has more
 RESTARTED = "restarted_at_frame"  # attribute of what `floor` wrote
 COLLIDED = "collision_eps_m"  # attribute of what `collide` wrote, whatever the kind of what it read
 
@@ -18,10 +17,9 @@ def check_name(path: Path) -> None:
         raise ValueError(f"{path} is a folder; name a sequence file (.h5).")
     for part in path.parts:
         size = len(os.fsencode(part))
-        longest = LONGEST_NAME - _TEMPORARY if part == path.name else LONGEST_NAME
-        if size > longest:
+        if size > LONGEST_NAME:
             raise ValueError(
-                f"{part[:24]}… is a name of {size} bytes, more than {longest}; give a shorter one."
+                f"{part[:24]}… is a name of {size} bytes, more than {LONGEST_NAME}; give a shorter one."
             )
 
 

@@ -13,6 +13,7 @@ from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.guarded_file import GuardedFile, uninterrupted
 from garment_jax.data.replaceable import check_name
+from garment_jax.storage.scratch import make_scratch, remove_scratch
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
@@ -25,8 +26,8 @@ class SequenceWriter:
     """Writes a clip frame by frame; use it in a `with` statement.
 
     `with SequenceWriter(path, scene, motion) as w: w.append(V)` with `V` `[k, n, 3]` in world metres, in
-    order, until exactly the motion's frames are written. The file is built under a temporary name and
-    renamed at the end; on any error nothing is left and an older file stays as it was.
+    order, until exactly the motion's frames are written. The file is built in a scratch folder and moved
+    into place at the end; on any error nothing is left and an older file stays as it was.
 
     `encoding="int16"` stores positions relative to the motion's root in steps of `scale` metres and
     refuses what is out of reach; "float32" stores world metres; "none" stores a motion alone, to be
@@ -63,11 +64,11 @@ class SequenceWriter:
             "up_axis": "Y",
             "scene_hash": scene_hash(scene),
         }
-        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
         self._motion_only = encoding == "none"
         if self._motion_only:
             self._attributes["kind"] = MOTION_ONLY
         self._written = 0
+        self._scratch: Path | None = None
         self._disk: GuardedFile | None = None
         self._file: h5py.File | None = None
 
@@ -124,16 +125,18 @@ class SequenceWriter:
             self._check_complete()
             self._close()
             self._check_disk()
-            os.replace(self._temporary, self.path)
+            assert self._scratch is not None
+            os.replace(self._scratch / self.path.name, self.path)
         except BaseException:
             self._discard()
             raise
+        remove_scratch(self._scratch)
 
     def _begin(self) -> None:
         """Open the file and write all that is known before the first frame."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._disk = GuardedFile(self._temporary)
+            self._scratch = make_scratch(self.path.parent)
+            self._disk = GuardedFile(self._scratch / self.path.name)
         except OSError as error:
             raise OSError(
                 f"{self.path} could not be written ({error.strerror}); choose another folder."
@@ -229,10 +232,10 @@ class SequenceWriter:
 
     @uninterrupted()
     def _discard(self) -> None:
-        """Close and delete the temporary file, where there is one."""
+        """Close the file and delete what is not in its place."""
         self._close()
-        if self._disk is not None:
-            self._temporary.unlink(missing_ok=True)
+        if self._scratch is not None:
+            remove_scratch(self._scratch)
 
 
 def _packing(array: np.ndarray) -> dict:

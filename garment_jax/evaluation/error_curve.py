@@ -1,12 +1,12 @@
 """The error over time as a picture."""
 
-import os
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 
 from garment_jax.evaluation.drawn_by import WRITER
+from garment_jax.storage.whole import written_whole
 
 
 def save_error_curve(
@@ -27,9 +27,5 @@ def save_error_curve(
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="upper right", ncols=3, fontsize=8)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        figure.savefig(temporary, format="png", metadata={"Software": WRITER})
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as (made,):
+        figure.savefig(made, format="png", metadata={"Software": WRITER})

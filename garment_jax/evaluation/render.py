@@ -1,7 +1,6 @@
 """`garment-jax render`: contact sheets, the error curve and a short film of sequence files."""
 
 import math
-import os
 from collections.abc import Callable
 from collections.abc import Sequence as Many
 from contextlib import ExitStack
@@ -19,6 +18,7 @@ from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
+from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time
 FILM_FPS, FILM_HEIGHT = 15.0, 240
@@ -152,12 +152,8 @@ def _sheet(
     rows, scale = _rows(clips, garments, bodies, root, yaw, framing, scale_cm, drawn)
     heads = [f"{f / clip.fps:.1f} s" for f in shown]
     sheet = contact_sheet(title, heads, rows, scale)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        sheet.save(temporary, format="PNG", optimize=True, pnginfo=png_text())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as (made,):
+        sheet.save(made, format="PNG", optimize=True, pnginfo=png_text())
 
 
 def _title(clip: Sequence) -> str:
@@ -244,9 +240,5 @@ def _film(
         rows, _ = _rows(clips, garment, body, at, turn, framing, scale_cm, drawn)
         return np.concatenate([row.pictures[0] for row in rows], axis=1)
 
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        save_gif(temporary, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as (made,):
+        save_gif(made, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))

@@ -1,16 +1,16 @@
 """Alembic, written by Blender from a point cache (`formats/alembic.py`)."""
 
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from garment_jax.export.clip import ExportClip
-from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.alembic import AlembicMesh, write_alembic
 from garment_jax.formats.blender import find_blender
 from garment_jax.formats.pc2 import write_pc2
+from garment_jax.storage.scratch import scratch
+from garment_jax.storage.whole import written_whole
 
 
 def export_abc(clip: ExportClip, out: Path, *, blender: str | Path | None = None) -> list[Path]:
@@ -19,8 +19,7 @@ def export_abc(clip: ExportClip, out: Path, *, blender: str | Path | None = None
         raise ValueError(f"--frame-offset {clip.first_frame}: Blender begins at frame 0; give 0 or more.")
     program = find_blender(blender)
     garment, body = clip.garment, clip.body
-    with written_whole(out) as (path,), tempfile.TemporaryDirectory(dir=out.parent, prefix=".") as name:
-        folder = Path(name)
+    with written_whole(out) as (path,), scratch(out.parent) as folder:
         meshes = [_mesh(clip, "Garment", garment.faces, (garment.uv, garment.faces_uv), folder)]
         _write_points(clip, clip.garment_windows(), len(garment.template), meshes[0].cache)
         if clip.with_body:

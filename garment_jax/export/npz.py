@@ -8,7 +8,7 @@ import numpy as np
 
 from garment_jax.data.replaceable import check_own
 from garment_jax.export.clip import ExportClip
-from garment_jax.export.written_whole import written_whole
+from garment_jax.storage.whole import written_whole
 
 
 def export_npz(clip: ExportClip, out: Path) -> list[Path]:

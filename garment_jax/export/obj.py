@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.export.clip import ExportClip
-from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.obj import obj_faces, write_obj
+from garment_jax.storage.whole import written_whole
 
 
 def export_obj(clip: ExportClip, out: Path) -> list[Path]:

@@ -27,10 +27,10 @@ from garment_jax.export.step_subject import (
     swing_function,
 )
 from garment_jax.export.swing_functions import begun, flat, length
-from garment_jax.export.written_whole import written_whole
 from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.skinning import softmax_weights
 from garment_jax.rollout.attachment import REACH, attached
+from garment_jax.storage.whole import written_whole
 
 SCHEMA = "garment_jax-step-1"
 OPSET = 17  # the newest that onnxruntime 1.12 (2022) and the hosts built on it load
@@ -80,12 +80,11 @@ def export_step(
     serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
     kinds = {f"{kind}_graph": serial.get(out.with_suffix(f".{kind}.onnx")) for kind in _MAYBE}
     measured = check_graphs(subject, detail, *list(serial.values())[:3], **kinds) if check else {}
-    with written_whole(*serial) as temporary:
+    beside = [out.with_suffix(f".{kind}.onnx") for kind in _MAYBE]
+    stale = [path for path in beside if path not in serial]  # of another model that lay here
+    with written_whole(*serial, last=[out], gone=stale) as temporary:
         for path, content in zip(temporary, serial.values(), strict=True):
             path.write_bytes(content)
-    for kind in _MAYBE:  # of another model that lay here
-        if (stale := out.with_suffix(f".{kind}.onnx")) not in serial:
-            stale.unlink(missing_ok=True)
     files = {
         str(path): {"megabytes": round(len(serial[path]) / 1e6, 3), "nodes": len(graph.graph.node)}
         for path, graph in graphs.items()

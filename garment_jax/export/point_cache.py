@@ -7,8 +7,8 @@ import numpy as np
 
 from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
-from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.obj import is_our_obj, notes_of, obj_faces, write_obj
+from garment_jax.storage.whole import written_whole
 
 Write = Callable[[Path, Iterable[np.ndarray], int, int], None]  # path, windows, frames, points
 
@@ -36,7 +36,7 @@ def export_cache(clip: ExportClip, out: Path, write: Write) -> list[Path]:
             raise not_own(cache, "export")
     ours = [sorted({*names, cache.name}) for cache, names in known.items()]
     garment = clip.garment
-    with written_whole(*files) as temporary:
+    with written_whole(*files, last=caches) as temporary:
         write(temporary[0], clip.garment_windows(), clip.frames, len(garment.template))
         write_obj(
             temporary[1],

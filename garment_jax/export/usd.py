@@ -8,10 +8,10 @@ import numpy as np
 
 from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
-from garment_jax.export.written_whole import written_whole
 from garment_jax.formats.usd_library import load_pxr
 from garment_jax.formats.usd_writer import UsdMesh, is_our_usd, write_usd
 from garment_jax.geometry.normals import vertex_normals
+from garment_jax.storage.whole import written_whole
 
 
 def export_usd(clip: ExportClip, out: Path) -> list[Path]:

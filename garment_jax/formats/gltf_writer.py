@@ -1,7 +1,6 @@
 """Writing a GLB: arrays are streamed to a temporary file, the JSON that describes them comes last."""
 
 import json
-import os
 import shutil
 import struct
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from garment_jax.formats.gltf_container import BIN_CHUNK, JSON_CHUNK, MAGIC
+from garment_jax.storage.scratch import make_scratch, remove_scratch
+from garment_jax.storage.whole import replaced
 
 VERTICES, INDICES = 34962, 34963  # what a buffer view holds for a graphics card; None for anything else
 _COMPONENTS = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -26,9 +27,6 @@ class GlbWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        own = f".{self.path.name}.{os.getpid()}"
-        self._parts = self.path.with_name(f"{own}.parts.tmp")
-        self._whole = self.path.with_name(f"{own}.tmp")
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
         self._size = 0
@@ -69,18 +67,18 @@ class GlbWriter:
         self._check_size(total)
         try:
             self._file.close()
-            with self._whole.open("wb") as whole, self._parts.open("rb") as parts:
+            with replaced(self.path) as (made,), self._parts.open("rb") as parts, made.open("wb") as whole:
                 whole.write(struct.pack("<5I", MAGIC, 2, total, len(text), JSON_CHUNK))
                 whole.write(text + struct.pack("<2I", self._size, BIN_CHUNK))
                 shutil.copyfileobj(parts, whole, 2**20)
-            os.replace(self._whole, self.path)
         except OSError as error:
             raise self._failure(error) from error
         return total
 
     def __enter__(self) -> "GlbWriter":
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._scratch = make_scratch(self.path.parent)
+            self._parts = self._scratch / "arrays"
             self._file = self._parts.open("wb")
         except OSError as error:
             raise self._failure(error) from error
@@ -98,8 +96,7 @@ class GlbWriter:
             if error is None:
                 raise self._failure(failure) from failure
         finally:
-            self._parts.unlink(missing_ok=True)
-            self._whole.unlink(missing_ok=True)
+            remove_scratch(self._scratch)
 
     def _write(self, data: bytes) -> None:
         data += bytes(-len(data) % 4)  # every array begins at a multiple of 4

@@ -21,6 +21,7 @@ from garment_jax.formats.damage import reading
 from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
+from garment_jax.storage.lock import lock_name, locked
 
 _BLOCK = 2**20  # bytes hashed at once
 
@@ -60,7 +61,8 @@ def import_sources(
         begin = time.perf_counter()
         path = out / ("test" if names[i] in test else "train") / f"{names[i]}.h5"
         try:
-            with reading(source.path):
+            hold = locked(out, f"importing {source.name}", name=lock_name(source.name))
+            with hold, reading(source.path):
                 outcome = _import_source(source, path, settings, progress)
         except (ValueError, OSError) as error:
             if len(sources) == 1:

@@ -6,9 +6,9 @@ animated with each variant that a decision hangs on.
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from garment_jax.progress import FrameProgress
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.variants import Variant, apply_variant, variants_of
+from garment_jax.storage.whole import write_text
 from garment_jax.structs import Motion, Scene
 
 FRAMES = 32  # a chunk of the measured rollouts
@@ -99,9 +100,5 @@ def _read(path: Path | None) -> dict[str, float]:
 def _write(path: Path | None, known: dict[str, float]) -> None:
     if path is None:
         return
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError:  # a full disk: measured again next time
-        temporary.unlink(missing_ok=True)
+    with suppress(OSError):  # a full disk: measured again next time
+        write_text(path, json.dumps(known, indent=1) + "\n")

@@ -23,6 +23,7 @@ from garment_jax.rollout.model_folder import (
     check_replaceable,
     check_together,
     shaping_of,
+    was_interrupted,
     written_together,
 )
 from garment_jax.structs import Motion, Scene
@@ -144,10 +145,13 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts)}
     try:
         with written_together(folder) as partial:
+            check_replaceable(folder, model.garment_hash)  # by now another process may have saved there
             np.savez_compressed(partial / "parameters.npz", **arrays)  # type: ignore[arg-type]
             for name, text in texts.items():
                 (partial / name).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
+        if error.strerror is None:  # a sentence already
+            raise
         raise OSError(
             f"{folder} could not be written ({error.strerror}); free some space or choose another folder."
         ) from error
@@ -196,6 +200,11 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     """Return configuration and facts of a saved model whose three files belong to each other."""
     for name in ("config.toml", "model.json", "parameters.npz"):
         if not (folder / name).is_file():
+            if was_interrupted(folder):
+                raise FileNotFoundError(
+                    f"{folder} holds no {FACTS}, since saving into it was interrupted; run the same "
+                    "garment-jax save again."
+                )
             if (folder / "checkpoints").is_dir():
                 raise FileNotFoundError(
                     f"{folder} is a run of train.py and not yet a model; run garment-jax save {folder} --out "

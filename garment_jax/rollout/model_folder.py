@@ -3,13 +3,15 @@
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from garment_jax.formats.npz import npz_shapes
+from garment_jax.storage.lock import locked
+from garment_jax.storage.scratch import scratch
+from garment_jax.storage.whole import sync, write_text
 
 FACTS = "model.json"  # goes first and comes last: without it a folder holds no model
 MEASURED = ("figures.json", "variants.json")  # of the parameters that lie beside them
@@ -26,7 +28,6 @@ SHAPING = {
     "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
 }
 _REPLACED = f"{FACTS}.replaced"  # the old facts while the other files change
-_HIDDEN = ".saving."  # beginning of the folder that files are written in
 
 
 def check_replaceable(folder: Path, garment_hash: str) -> None:
@@ -92,25 +93,24 @@ def _garment_of(facts: Path) -> str:
 
 @contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Give a hidden folder to write the files in; at the end they take the place of those of `folder`.
+    """Give a scratch folder to write the files in; at the end they take the place of those of `folder`.
 
     Killed before the end, it leaves the old model, or between two renames a folder that does not load and
-    may be saved into again. What was measured with the old parameters goes with them.
+    may be saved into again. What was measured with the old parameters goes with them. One process at a time
+    saves into a folder; `OSError` for a second one.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    _sweep(folder)
-    partial = folder / f"{_HIDDEN}{os.getpid()}"  # inside: `folder` may be a disk of its own
-    try:
-        partial.mkdir()
-        yield partial
-        _move(partial, folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with locked(folder, "saving a model"), scratch(folder) as made:  # inside: it may be a disk of its own
+        yield made
+        for path in made.iterdir():
+            sync(path)
+        _move(made, folder)
 
 
 def _move(partial: Path, folder: Path) -> None:
     if (folder / FACTS).exists():
         os.replace(folder / FACTS, folder / _REPLACED)
+    elif not (folder / _REPLACED).exists():  # a new folder: says whose files these are, should we be killed
+        write_text(folder / _REPLACED, (partial / FACTS).read_text(encoding="utf-8"))
     for name in MEASURED:
         (folder / name).unlink(missing_ok=True)
     for path in sorted(partial.iterdir(), key=lambda path: path.name == FACTS):
@@ -118,7 +118,6 @@ def _move(partial: Path, folder: Path) -> None:
     (folder / _REPLACED).unlink(missing_ok=True)
 
 
-def _sweep(folder: Path) -> None:
-    """Remove what killed calls left."""
-    for leftover in folder.glob(f"{_HIDDEN}*"):
-        shutil.rmtree(leftover, ignore_errors=True)
+def was_interrupted(folder: Path) -> bool:
+    """Return whether a call that saved into `folder` was killed between two renames."""
+    return (folder / _REPLACED).is_file() and not (folder / FACTS).is_file()

@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import platform
+import shutil
 import signal
 import threading
 import time
@@ -27,6 +28,8 @@ from garment_jax.progress import FrameProgress
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, check_motion
+from garment_jax.storage.lock import locked
+from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion, Scene
 
 if TYPE_CHECKING:
@@ -83,10 +86,11 @@ def simulate_clips(
 
     A clip that is there already, of the same content, is kept: an interrupted call goes on where it was.
     One that was simulated with other settings, in this garment and body, is made anew; no other file is
-    replaced. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. On a CPU
-    each of `workers` processes simulates a clip; on another `device` `at_once` clips are simulated side by
-    side (`SideBySide`), and the processes screen and write them. A clip that fails the screening is named,
-    with the reason, and no file is left. `progress` gets a line for every clip; frames are counted on
+    replaced. One process at a time simulates into `out`. The drape from rest is computed once. `flat`
+    `[u, 2]` is the flat pattern in metres. On a CPU each of `workers` processes simulates a clip; on another
+    `device` `at_once` clips are simulated side by side (`SideBySide`), and the processes screen and write
+    them. A clip that fails the screening is named, with the reason, and no file is left. `progress` gets a
+    line for every clip; frames are counted on
     stderr. Raises `ValueError` or `OSError` before anything is simulated for what could not be simulated or
     written, and for a file of a clip's name that must not be replaced.
     """
@@ -96,6 +100,25 @@ def simulate_clips(
     _check_surface(scene)
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
+    with locked(out, "simulating clips"):
+        return _simulate_missing(
+            scene, jobs, paths, out, settings, flat, workers, device, at_once, limits, progress
+        )
+
+
+def _simulate_missing(
+    scene: Scene,
+    jobs: Sequence[Job],
+    paths: list[Path],
+    out: Path,
+    settings: ClothSettings,
+    flat: np.ndarray | None,
+    workers: int,
+    device: str,
+    at_once: int,
+    limits: ScreenLimits,
+    progress: Callable[[str], None],
+) -> list[Outcome]:
     keys = [content_key(scene, job.motion, settings, flat) for job in jobs]
     for path, key in zip(paths, keys, strict=True):
         _check_replaceable(path, key, scene)
@@ -203,10 +226,11 @@ def _take_over(job: Job, path: Path, key: str, out: Path) -> None:
             f"{elsewhere} is there and {path} would be another clip of that name: one to train on must not "
             "be one to test on; move it away."
         )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    os.replace(elsewhere, path)
-    with h5py.File(path, "r+") as file:
-        file.attrs["split"] = job.split
+    with replaced(path) as (made,):
+        shutil.copyfile(elsewhere, made)
+        with h5py.File(made, "r+") as file:
+            file.attrs["split"] = job.split
+    elsewhere.unlink()
 
 
 def _check_folder(out: Path) -> None:

@@ -1,6 +1,5 @@
 """The report's pictures; matplotlib is imported here and nowhere else in this room."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ import matplotlib
 import numpy as np
 
 from garment_jax.stability.case import Curve
+from garment_jax.storage.whole import written_whole
 
 
 class Style(NamedTuple):
@@ -82,12 +82,8 @@ def _save(path: Path, style: Style, curves: Sequence[Curve]) -> None:
     axes.set_yscale("log" if style.y_log else "linear")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        figure.savefig(temporary, format="png")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as (made,):
+        figure.savefig(made, format="png")
 
 
 def _most_telling(curves: Sequence[Curve]) -> list[Curve]:

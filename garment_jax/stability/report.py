@@ -1,7 +1,6 @@
 """`garment-jax stability`: all groups of cases, their tables, a JSON file and plots."""
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from garment_jax.stability.stiff import stiff_cases
 from garment_jax.stability.subject import Subject, load_subject
 from garment_jax.stability.table import format_cases, summary
 from garment_jax.stability.training import training_cases
+from garment_jax.storage.whole import write_text
 
 GROUPS: dict[str, Callable[[Subject], Findings]] = {
     "skinning": skinning_cases,
@@ -90,15 +90,8 @@ def _plain(curve: Curve) -> dict[str, Any]:
 
 
 def _write(path: Path, facts: dict[str, Any]) -> None:
-    """Write JSON under a temporary name, then move it into place; a NaN becomes null."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_text(
-            json.dumps(_finite(facts), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-        )
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write JSON, whole or not at all; a NaN becomes null."""
+    write_text(path, json.dumps(_finite(facts), indent=1, ensure_ascii=False) + "\n")
 
 
 def _finite(x: Any) -> Any:

@@ -1,16 +1,18 @@
 """Checkpoints of a training stage: Orbax arrays plus a JSON description, written atomically.
 
-Layout: run_dir/checkpoints/STAGE/STEP/{state/, metadata.json}. The state's leaves are stored
-flat in tree order and matched by path, so no class has to be importable to read them.
+Layout: run_dir/checkpoints/STAGE/STEP/{state/, metadata.json, digests.json}. The state's leaves are stored
+flat in tree order and matched by path, so no class has to be importable to read them. The digests of
+all files are checked before a checkpoint is read; those of older versions have none.
 """
 
 import contextlib
 import errno
+import hashlib
 import json
 import logging
 import math
 import os
-import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -21,10 +23,13 @@ import numpy as np
 import orbax.checkpoint as ocp
 from jax.tree_util import keystr, tree_flatten_with_path
 
+from garment_jax.storage.scratch import scratch
+from garment_jax.storage.whole import sync, write_text
 from garment_jax.training.run_directory import CHECKPOINTS
 
 FOLDER = CHECKPOINTS
-_PARTIAL = ".partial"
+DIGESTS = "digests.json"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNREADABLE = "cannot be read; delete it to go on from the one before."
 
 
@@ -39,14 +44,39 @@ class Checkpointer:
     ) -> None:
         self.folder = Path(run_dir) / FOLDER / stage
         self._metadata, self._keep = dict(metadata or {}), keep
+        self._faults: dict[int, str] = {}  # of the checkpoints looked at, "" for none
 
     def steps(self) -> list[int]:
         """The steps of the complete checkpoints, ascending; none without a folder."""
         return sorted(int(path.name) for path in self.folder.glob("*") if path.name.isdecimal())
 
     def latest(self) -> int | None:
-        """The newest complete checkpoint's step, or None."""
-        return (self.steps() or [None])[-1]
+        """The newest step whose files are as they were saved; None without any checkpoint.
+
+        Says on stderr which ones are passed over. ValueError where all that there are have changed.
+        """
+        steps, passed = self.steps(), []
+        for step in reversed(steps):
+            if not self._fault(step):
+                for other in passed:
+                    _say(f"{self._damage(other)}; step {step}, the one before, is taken")
+                return step
+            if (self.folder / str(step)).is_dir():  # else a training has just dropped it
+                passed.append(step)
+        if not passed:
+            return None if steps == self.steps() else self.latest()
+        raise ValueError(
+            f"{self._damage(passed[0])}, and none before it is left; delete {self.folder} to train this "
+            "stage anew."
+        )
+
+    def _damage(self, step: int) -> str:
+        return f"{self.folder / str(step)} is damaged ({self._faults[step]})"
+
+    def _fault(self, step: int) -> str:
+        if step not in self._faults:
+            self._faults[step] = fault_of(self.folder / str(step))
+        return self._faults[step]
 
     def save(self, step: int, state: Any, *, extra: Mapping[str, Any] | None = None) -> Path:
         """Write the state after `step` steps; a kill at any moment leaves the one before in place.
@@ -56,21 +86,20 @@ class Checkpointer:
         A step that is already there is left alone: the state is a function of the step.
         """
         target = self.folder / str(step)
-        if target.exists():
+        if target.exists() and not self._fault(step):
             return target
         leaves = _flatten(state)
         _refuse_non_finite(leaves, target)
-        partial = self.folder / f"{step}{_PARTIAL}"
         description = self._describe(step, leaves) | {"extra": dict(extra or {})}
-        with _one_sentence(target), _quiet():
-            self._make_room()
-            try:
-                _write(partial, leaves, description)
-                os.replace(partial, target)
-                _sync(self.folder)
-            finally:
-                shutil.rmtree(partial, ignore_errors=True)
-        self._forget_old()
+        with _one_sentence(target), _quiet(), scratch(self.folder) as place:
+            _check_room(place, leaves)
+            made = place / target.name
+            _write(made, leaves, description)
+            self._forget(place, *(damaged for damaged, fault in self._faults.items() if fault))
+            os.replace(made, target)
+            sync(self.folder)
+            self._faults[step] = ""
+            self._forget(place, *self.steps()[: -self._keep])
         return target
 
     def restore(self, like: Any, *, step: int | None = None, part: str = "") -> Any:
@@ -101,7 +130,9 @@ class Checkpointer:
         path = self._path(step)
         try:
             described = json.loads((path / "metadata.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
+            if step is None and not path.is_dir():  # a training has just dropped it for a newer one
+                return self.metadata()
             described = None
         if not isinstance(described, dict) or not isinstance(described.get("leaves"), list):
             raise ValueError(f"{path} {_UNREADABLE}")
@@ -116,14 +147,19 @@ class Checkpointer:
         return path
 
     def _read(self, step: int | None) -> dict[str, Any]:
-        path, entries = self._path(step), self.metadata(step)["leaves"]
+        path = self._path(step)
         try:
+            if fault := self._fault(int(path.name)):
+                raise ValueError(fault)
+            entries = self.metadata(int(path.name))["leaves"]
             with _quiet(), ocp.PyTreeCheckpointer() as reader:
                 stored = reader.restore(path.absolute() / "state") if any(map(_size, entries)) else {}
+            values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
+            return {entry["path"]: (entry, value) for entry, value in zip(entries, values, strict=True)}
         except Exception as error:
+            if step is None and not path.is_dir():  # a training has just dropped it for a newer one
+                return self._read(None)
             raise ValueError(f"{path} {_UNREADABLE}") from error
-        values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
-        return {entry["path"]: (entry, value) for entry, value in zip(entries, values, strict=True)}
 
     def _describe(self, step: int, leaves: list[dict[str, Any]]) -> dict[str, Any]:
         packages = ("garment-jax", "jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
@@ -134,21 +170,48 @@ class Checkpointer:
             "leaves": [{key: leaf[key] for key in ("path", "kind", "dtype", "shape")} for leaf in leaves],
         }
 
-    def _make_room(self) -> None:
-        """Make the folder and remove what a process that was killed while it saved left there.
+    def _forget(self, place: Path, *steps: int) -> None:
+        """Move checkpoints out of sight, into the scratch folder `place`, which is removed with them.
 
-        Only here: a reader must not touch what a training that still runs is writing.
+        A kill within their removal must not leave half a checkpoint that looks whole.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for leftover in self.folder.glob(f"*{_PARTIAL}"):
-            shutil.rmtree(leftover, ignore_errors=True)
+        for step in steps:
+            with contextlib.suppress(FileNotFoundError):
+                os.replace(self.folder / str(step), place / f"{step}.dropped")
+            self._faults.pop(step, None)
 
-    def _forget_old(self) -> None:
-        for step in self.steps()[: -self._keep]:
-            # Renamed first: a kill within the removal must not leave half a checkpoint that looks whole.
-            doomed = self.folder / f"{step}{_PARTIAL}"
-            os.replace(self.folder / str(step), doomed)
-            shutil.rmtree(doomed, ignore_errors=True)
+
+def fault_of(path: Path) -> str:
+    """Return in words which file of a checkpoint is not as it was saved, or ""."""
+    digests = path / DIGESTS
+    if not digests.is_file():
+        return ""  # of an older version
+    try:
+        wanted = dict(json.loads(digests.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return f"{DIGESTS} cannot be read"
+    found = _digests(path)
+    changed = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
+    return f"{changed[0]} is not as it was saved" if changed else ""
+
+
+def seal(path: Path) -> None:
+    """Write the digests of a checkpoint's files, which are then all there."""
+    write_text(path / DIGESTS, json.dumps(_digests(path), indent=1) + "\n")
+
+
+def _digests(path: Path) -> dict[str, str]:
+    found = {}
+    for file in sorted(path.rglob("*")):
+        if file.is_file() and file != path / DIGESTS:
+            with file.open("rb") as opened:
+                digest = hashlib.file_digest(opened, "sha256").hexdigest()
+            found[file.relative_to(path).as_posix()] = digest
+    return found
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _name(index: int) -> str:
@@ -246,16 +309,21 @@ def _write(partial: Path, leaves: list[dict[str, Any]], description: Mapping[str
         json.dump(description, file, indent=1)
         file.flush()
         os.fsync(file.fileno())
-    _sync(partial)
+    seal(partial)
+    sync(partial)
 
 
-def _sync(folder: Path) -> None:
-    """Make renames inside `folder` survive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _check_room(folder: Path, leaves: list[dict[str, Any]]) -> None:
+    """Raise `OSError` where the disk has no room for the arrays; Orbax' threads print what they meet."""
+    size = sum(leaf["value"].nbytes for leaf in leaves)
+    with (folder / "room").open("wb") as file:
+        if hasattr(os, "posix_fallocate"):
+            try:
+                os.posix_fallocate(file.fileno(), 0, size + size // 4 + 2**16 * (len(leaves) + 1))
+            except OSError as error:
+                if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+                    raise
+    (folder / "room").unlink()
 
 
 @contextlib.contextmanager
@@ -264,7 +332,7 @@ def _one_sentence(target: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        full = getattr(error, "errno", None) == errno.ENOSPC or "No space left" in str(error)
+        full = getattr(error, "errno", None) in _FULL or "No space left" in str(error)
         if not full:
             raise
         raise OSError(

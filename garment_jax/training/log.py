@@ -6,11 +6,12 @@ One process writes; a resumed run first cuts what the lost steps had written.
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from garment_jax.storage.whole import write_text
 
 FILE_NAME = "log.jsonl"
 
@@ -45,9 +46,7 @@ class RunLog:
         """Drop the stage's lines after `step`, and a last line that a kill left torn."""
         self._file.close()
         kept = [line for line, entry in _lines(self.path) if entry["stage"] != stage or entry["step"] <= step]
-        temporary = self.path.with_suffix(".partial")
-        temporary.write_text("".join(kept), encoding="utf-8")
-        os.replace(temporary, self.path)
+        write_text(self.path, "".join(kept))
         self._file = open(self.path, "a", encoding="utf-8")  # noqa: SIM115
 
     def close(self) -> None:

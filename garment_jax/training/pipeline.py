@@ -10,7 +10,7 @@ from garment_jax.data.lanes import check_window
 from garment_jax.data.prepared import DataSet
 from garment_jax.rollout.model import Model, from_metadata, load_model
 from garment_jax.training.begin_from import begun_model
-from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config
+from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
 
 
 def train(
@@ -24,7 +24,7 @@ def train(
     """Train `stage` ("all" or one of `STAGES`) in `run_dir` and return it; goes on where it stopped.
 
     Raises `ValueError` for an unknown stage, one whose predecessor is not trained, or settings that do not
-    go together.
+    go together, and `OSError` where another process trains there.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
     from garment_jax.swing.tables import hangs_on_pins, make_swing_tables
@@ -54,26 +54,27 @@ def train(
         if stage == "swing":
             make_swing_tables(data.scene, config=config.swing)
 
-    run = open_run(
-        config,
-        run_dir,
-        data_dir=data_dir,
-        tensorboard=tensorboard,
-        check=check,
-        unposed=stage in ("all", "generative"),
-    )
-    with run.log:
-        if stage != "swing":  # which needs none of the others
-            generative = train_generative(run)
-            if last >= 1:
-                motion = train_motion(run, generative)
-                if last >= 2 and config.detail.steps:
-                    train_detail(run, generative, motion)
-        if last >= 3 and config.swing.steps:
-            if stage == "swing" or hangs_on_pins(run.data.scene):
-                train_swing(run)
-            else:
-                say("swing: left out, since parts of this garment hang on no pin")
+    with run_lock(run_dir):
+        run = open_run(
+            config,
+            run_dir,
+            data_dir=data_dir,
+            tensorboard=tensorboard,
+            check=check,
+            unposed=stage in ("all", "generative"),
+        )
+        with run.log:
+            if stage != "swing":  # which needs none of the others
+                generative = train_generative(run)
+                if last >= 1:
+                    motion = train_motion(run, generative)
+                    if last >= 2 and config.detail.steps:
+                        train_detail(run, generative, motion)
+            if last >= 3 and config.swing.steps:
+                if stage == "swing" or hangs_on_pins(run.data.scene):
+                    train_swing(run)
+                else:
+                    say("swing: left out, since parts of this garment hang on no pin")
     return run.folder
 
 

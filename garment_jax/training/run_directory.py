@@ -1,12 +1,14 @@
 """A run directory belongs to one configuration, garment and data set."""
 
 import json
-import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from garment_jax.config import Config, differences, load_config, to_dict, to_toml
+from garment_jax.storage.lock import locked
+from garment_jax.storage.whole import write_text
 
 STAGES = ("generative", "motion", "detail", "swing")
 CHECKPOINTS = "checkpoints"  # folder inside a run
@@ -23,8 +25,8 @@ def prepare_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any]
     ones are then stored. ValueError says which key differs, both values and the remedy.
     """
     path = check_run(run_dir, config, facts=facts)
-    _replace(path / FACTS_NAME, json.dumps(run_facts(path) | _plain(facts), indent=1) + "\n")
-    _replace(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
+    write_text(path / FACTS_NAME, json.dumps(run_facts(path) | _plain(facts), indent=1) + "\n")
+    write_text(path / CONFIG_NAME, to_toml(config))  # last: its presence says that the facts are there
     return path
 
 
@@ -33,9 +35,7 @@ def check_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any] |
 
     ValueError for a path where no folder can be, too.
     """
-    path, new = Path(run_dir), _plain(facts)
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"--run-dir {path} is a file; name a folder.")
+    path, new = _new(Path(run_dir)), _plain(facts)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -46,6 +46,17 @@ def check_run(run_dir: str | Path, config: Config, *, facts: Mapping[str, Any] |
         changed = differences(to_dict(run_config(path)), to_dict(config))
         changed += [(k, v, new[k]) for k, v in run_facts(path).items() if k in new and new[k] != v]
         _refuse(path, changed)
+    return path
+
+
+def run_lock(run_dir: str | Path) -> AbstractContextManager[None]:
+    """Hold a run directory while it is trained in; `OSError` names the process that does so already."""
+    return locked(_new(Path(run_dir)), "training", remedy="use another --run-dir")
+
+
+def _new(path: Path) -> Path:
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"--run-dir {path} is a file; name a folder.")
     return path
 
 
@@ -82,9 +93,3 @@ def _refuse(path: Path, changed: list[tuple[str, Any, Any]]) -> None:
         raise ValueError(
             f"{path} belongs to another run ({shown}{more}); use another --run-dir or the old values."
         )
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".partial")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)

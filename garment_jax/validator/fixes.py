@@ -1,6 +1,5 @@
 """`garment-jax validate --fix`: repaired copies where the repair is safe; the input is never touched."""
 
-import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from garment_jax.data.sequence_writer import DEFAULT_SCALE, SequenceWriter
 from garment_jax.formats.damage import reading
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.intake.finding import Finding, Repair
+from garment_jax.storage.whole import written_whole
 from garment_jax.structs import RiggedBody
 from garment_jax.validator.body_checks import body_unit, check_weights
 from garment_jax.validator.clip_checks import check_clip
@@ -224,14 +224,6 @@ def _write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:
-    """Write under a temporary name and move into place."""
     _check_free(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(f"{path} could not be written ({error.strerror}); choose another folder.") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path, remedy="choose another folder") as (made,):
+        write(made)

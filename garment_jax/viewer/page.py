@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 
+from garment_jax.storage.scratch import make_scratch, remove_scratch
 from garment_jax.viewer.payload import as_text
 
 # In the order in which they stand in the page; they share one scope.
@@ -30,13 +31,12 @@ SCRIPTS = (
 class PageWriter:
     """Writes a page block by block; use it in a `with` statement.
 
-    The file is built under a temporary name and renamed at the end; on any error nothing is left.
+    The file is built in a scratch folder and moved into place at the end; on any error nothing is left.
     """
 
     def __init__(self, path: str | Path, title: str) -> None:
         self.path = Path(path)
         self._title = title
-        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
         self._blocks = 0
 
     def add(self, data: bytes) -> str:
@@ -54,8 +54,8 @@ class PageWriter:
     def __enter__(self) -> "PageWriter":
         head, self._tail = _template(self._title)
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(self._temporary, "w", encoding="utf-8")
+            self._scratch = make_scratch(self.path.parent)
+            self._file = open(self._scratch / self.path.name, "w", encoding="utf-8")
         except OSError as error:
             raise OSError(f"{self.path} could not be written ({error.strerror}).") from error
         try:
@@ -73,10 +73,9 @@ class PageWriter:
             return
         try:
             self._write(lambda file: file.close())
-            os.replace(self._temporary, self.path)
-        except BaseException:
+            os.replace(self._scratch / self.path.name, self.path)
+        finally:
             self._discard()
-            raise
 
     def _write(self, action: Callable[[TextIO], object]) -> None:
         try:
@@ -90,7 +89,7 @@ class PageWriter:
     def _discard(self) -> None:
         with suppress(OSError):  # what cannot be written is deleted anyway
             self._file.close()
-        self._temporary.unlink(missing_ok=True)
+        remove_scratch(self._scratch)
 
 
 def in_html(text: str) -> str:

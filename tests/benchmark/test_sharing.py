@@ -30,6 +30,8 @@ def write_run(folder: Path, config: Config, stages: tuple[str, ...]) -> Path:
     (folder / "cache").mkdir()
     np.savez(folder / "cache" / "true_codes.npz", Z=np.zeros(2))
     np.save(folder / "cache" / "waltz.V.npy", np.zeros(4))
+    (folder / "cache" / "waltz.V.npy.sha256").write_text("digest")
+    np.save(folder / "cache" / "old.V.npy", np.zeros(4))  # unproven: made before there were digests
     return folder
 
 
@@ -46,7 +48,9 @@ def test_what_is_the_same_is_taken_over_and_the_rest_is_not(tmp_path: Path) -> N
     assert Checkpointer(other, "generative").metadata()["metadata"]["config"] == to_dict(CONFIG)
     assert [(e["stage"], e["seconds"]) for e in read_log(run)] == [("generative", 5.0), ("detail", 8.0)]
     assert (run / "cache" / "true_codes.npz").samefile(other / "cache" / "true_codes.npz")
-    assert (run / "cache" / "waltz.V.npy").samefile(other / "cache" / "waltz.V.npy")
+    for name in ("waltz.V.npy", "waltz.V.npy.sha256"):
+        assert (run / "cache" / name).samefile(other / "cache" / name)
+    assert not (run / "cache" / "old.V.npy").exists()
     assert not (run / "checkpoints" / "warm_up").exists()
 
 

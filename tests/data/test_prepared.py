@@ -1,5 +1,6 @@
 import dataclasses
 import errno
+import hashlib
 import os
 import shutil
 from pathlib import Path
@@ -11,7 +12,7 @@ from garment_jax.body.garment_skinning import garment_transforms, garment_weight
 from garment_jax.body.mirror import FLIP, mirror_motion
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
-from garment_jax.data import prepared
+from garment_jax.data import stored_arrays
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.prepared import (
     DataSet,
@@ -165,7 +166,7 @@ def test_the_cache_is_used_again_until_a_setting_that_shapes_it_changes(folder, 
     first = prepare(folder, CONFIG, tmp_path)
     assert capsys.readouterr().err.count("prepare:") == 3
     assert len(list(tmp_path.glob("*.npy"))) == 6
-    assert len(list(tmp_path.iterdir())) == 7  # and the clips' hashes, and no half-written file
+    assert len(list(tmp_path.iterdir())) == 13  # with their digests, the clips' hashes, nothing half-written
     again = prepare(folder, CONFIG, tmp_path)
     assert "prepare:" not in capsys.readouterr().err
     assert again.content == first.content
@@ -211,6 +212,38 @@ def test_a_copy_of_the_clips_is_the_same_data_and_a_changed_clip_is_not(folder, 
     assert capsys.readouterr().err.count("prepare:") == 1
 
 
+@pytest.mark.parametrize("part", ["V", "T_tilde"])
+def test_a_cache_with_frames_of_zeros_is_made_anew(folder, tmp_path, capsys, part: str):
+    """Two trainings wrote one temporary file, and one was killed: shape and type are right."""
+    before = np.array(getattr(prepare(folder, CONFIG, tmp_path).train[0], part))
+    path = next(tmp_path.glob(f"samba-*.{part}.npy"))
+    array = np.load(path, mmap_mode="r+")
+    array[3:] = 0
+    array.flush()
+    capsys.readouterr()
+    np.testing.assert_array_equal(getattr(prepare(folder, CONFIG, tmp_path).train[0], part), before)
+    assert capsys.readouterr().err.count("prepare:") == 1
+
+
+def test_an_array_is_proven_by_its_digest_whatever_windows_it_was_written_in(tmp_path):
+    rng = np.random.default_rng(0)
+    X, last = rng.normal(size=(10, 5, 3)).astype(np.float32), rng.normal(size=(4, 5, 3)).astype(np.float32)
+    path = tmp_path / "new" / "array.npy"
+    with stored_arrays.stored_arrays({"V": path}, X.shape) as arrays:
+        arrays["V"].write(0, X[:4])
+        arrays["V"].write(4, X[4:8])
+        arrays["V"].write(6, last)  # begins within the window before, and has the last word
+        assert not path.exists()
+    expected = np.concatenate([X[:6], last])
+    found = stored_arrays.stored_array(path, X.shape)
+    np.testing.assert_array_equal(found, expected)
+    digest = hashlib.sha256(expected.tobytes()).hexdigest()
+    assert (tmp_path / "new" / "array.npy.sha256").read_text() == digest + "\n"
+    assert stored_arrays.stored_array(path, (9, 5, 3)) is None
+    (tmp_path / "new" / "array.npy.sha256").unlink()
+    assert stored_arrays.stored_array(path, X.shape) is None  # of an older version, or killed between the two
+
+
 @pytest.mark.parametrize("damage", [b"", b"\x93NUMPY", None], ids=["empty", "begun", "cut"])
 def test_a_damaged_cache_is_made_anew(folder, tmp_path, capsys, damage: bytes | None):
     before = prepare(folder, CONFIG, tmp_path).train[0]
@@ -234,13 +267,13 @@ def test_a_full_disk_leaves_a_sentence_and_nothing_half_written(folder, tmp_path
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(OSError, match=r"could not be written to .* \(No space left on device\); free"):
         prepare(folder, CONFIG, tmp_path)
-    assert not [*tmp_path.glob("*.partial"), *tmp_path.glob("*.npy")]
+    assert not [*tmp_path.glob(".*.partial"), *tmp_path.glob("*.npy*")]
 
 
 def test_an_array_has_its_room_on_the_disk_before_it_is_filled(tmp_path):
     if not hasattr(os, "posix_fallocate"):
         pytest.skip("no way to ask for room here")
-    prepared._reserved(tmp_path / "array", (1000, 100, 3))
+    stored_arrays._reserved(tmp_path / "array", (1000, 100, 3))
     stat = (tmp_path / "array").stat()
     assert stat.st_blocks * 512 >= stat.st_size > 1_200_000
 
@@ -251,7 +284,7 @@ def test_a_disk_that_cannot_reserve_will_do(tmp_path, monkeypatch, number: int):
         raise OSError(number, "not known here")
 
     monkeypatch.setattr(os, "posix_fallocate", unknown, raising=False)
-    assert prepared._reserved(tmp_path / "array", (2, 3)).shape == (2, 3)
+    assert stored_arrays._reserved(tmp_path / "array", (2, 3)).shape == (2, 3)
 
 
 def test_without_mirroring_there_are_no_images_and_a_lopsided_garment_will_do(folder, tmp_path):

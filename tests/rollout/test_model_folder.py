@@ -26,7 +26,6 @@ def test_saved_again_the_old_measurements_go_and_other_files_stay(tmp_path: Path
     save_model(tiny_model(), tmp_path)
     for name in ("figures.json", "variants.json", "notes.txt"):
         (tmp_path / name).write_text("{}")
-    (tmp_path / ".saving.1").mkdir()
     save_model(tiny_model(), tmp_path, bits=32)
     names = ["config.toml", "model.json", "notes.txt", "parameters.npz"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names

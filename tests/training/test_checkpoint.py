@@ -1,6 +1,7 @@
 """Checkpoints come back bit for bit, survive what interrupts them, and refuse what does not fit."""
 
 import errno
+import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax.storage.scratch import make_scratch
 from garment_jax.training import checkpoint
 from garment_jax.training.checkpoint import Checkpointer
 
@@ -79,14 +81,16 @@ def test_the_newest_two_are_kept(tmp_path: Path) -> None:
 def test_a_save_that_was_killed_is_not_seen_and_removed(tmp_path: Path) -> None:
     saver = Checkpointer(tmp_path, "stage")
     saver.save(1, {"x": jnp.zeros(2)})
-    shutil.copytree(saver.folder / "1", saver.folder / "2.partial")
-    (saver.folder / "2.partial" / "metadata.json").unlink()
+    dead = make_scratch(saver.folder)
+    living = make_scratch(saver.folder)
+    dead = dead.rename(dead.with_name(dead.name.replace(str(os.getpid()), str(2**22 + 1))))  # nobody's number
+    shutil.copytree(saver.folder / "1", dead / "2")
     assert saver.latest() == 1
     reader = Checkpointer(tmp_path, "stage")
     assert reader.steps() == [1]
-    assert (saver.folder / "2.partial").is_dir()  # a training may be writing it at this moment
+    assert dead.is_dir()  # reading removes nothing
     reader.save(3, {"x": jnp.zeros(2)})
-    assert sorted(path.name for path in saver.folder.iterdir()) == ["1", "3"]
+    assert sorted(path.name for path in saver.folder.iterdir()) == sorted([living.name, "1", "3"])
 
 
 def test_looking_for_checkpoints_makes_no_folder(tmp_path: Path) -> None:
@@ -181,14 +185,42 @@ def test_missing_and_damaged_checkpoints_say_what_to_do(tmp_path: Path) -> None:
         saver.restore({"x": jnp.zeros(2)})
     path = saver.save(1, {"x": jnp.zeros(2)})
     shutil.rmtree(path / "state")
+    sentence = r"stage/1 is damaged \(state/.* is not as it was saved\), and none before it is left; delete"
+    with pytest.raises(ValueError, match=sentence):
+        Checkpointer(tmp_path, "stage").restore({"x": jnp.zeros(2)})
+    (path / "digests.json").unlink()  # as older versions wrote it
     with pytest.raises(ValueError, match=r"stage/1 cannot be read; delete it"):
-        saver.restore({"x": jnp.zeros(2)})
+        Checkpointer(tmp_path, "stage").restore({"x": jnp.zeros(2)})
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_flipped_bit_anywhere_is_seen_and_the_checkpoint_before_is_taken(
+    tmp_path: Path, seed: int, capsys: Any
+) -> None:
+    saver = Checkpointer(tmp_path, "stage")
+    for step in (1, 2):
+        saver.save(step, {"x": jnp.full(500, float(step))})
+    rng = np.random.default_rng(seed)
+    files = sorted(p for p in (saver.folder / "2").rglob("*") if p.is_file() and p.stat().st_size)
+    path = files[rng.integers(len(files))]
+    content = bytearray(path.read_bytes())
+    content[rng.integers(len(content))] ^= 1 << rng.integers(8)
+    path.write_bytes(content)
+    reader = Checkpointer(tmp_path, "stage")
+    assert float(reader.restore({"x": jnp.zeros(500)})["x"][0]) == 1.0
+    assert reader.latest() == 1
+    assert capsys.readouterr().err.startswith(f"{saver.folder}/2 is damaged (")
+    reader.save(2, {"x": jnp.full(500, 2.0)})  # what is damaged is made anew
+    assert float(Checkpointer(tmp_path, "stage").restore({"x": jnp.zeros(500)})["x"][0]) == 2.0
 
 
 @pytest.mark.parametrize("text", ["", "[]", "null", '{"leaves": 3}'])
 def test_a_description_that_is_none_is_refused_with_the_remedy(tmp_path: Path, text: str) -> None:
     saver = Checkpointer(tmp_path, "stage")
-    (saver.save(3, state()) / "metadata.json").write_text(text)
+    path = saver.save(3, state())
+    (path / "metadata.json").write_text(text)
+    (path / "digests.json").unlink()  # as older versions wrote it
+    saver = Checkpointer(tmp_path, "stage")
     for read in (saver.metadata, lambda: saver.tree("params"), lambda: saver.restore(state())):
         with pytest.raises(ValueError, match=r"stage/3 cannot be read; delete it to go on"):
             read()

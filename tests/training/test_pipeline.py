@@ -20,6 +20,7 @@ from garment_jax.config import to_toml
 from garment_jax.data.sequence import open_sequence
 from garment_jax.rollout.animate import animate_file
 from garment_jax.rollout.model import load_model, save_model
+from garment_jax.storage.scratch import make_scratch
 from garment_jax.training import swing_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
@@ -134,13 +135,13 @@ def test_single_stages_make_no_targets_that_they_do_not_read(
 ):
     config = replace(CONFIG, swing=SWING)
     run = train(config, tmp_path / "run", data_dir=data_dir, stage="generative")
-    targets = sorted((run / "cache").glob("*T_tilde*"))
+    targets = sorted((run / "cache").glob("*T_tilde.npy"))
     assert len(targets) == 3
     for path in targets:
         path.unlink()
     for stage in ("motion", "detail", "swing"):
         train(config, run, data_dir=data_dir, stage=stage)
-    assert not list((run / "cache").glob("*T_tilde*"))
+    assert not list((run / "cache").glob("*T_tilde.npy"))
     for stage in STAGES:
         assert_same_bits(state_of(run, stage), state_of(uninterrupted, stage))
 
@@ -332,14 +333,14 @@ def test_a_run_that_goes_on_animates_with_what_it_has(tmp_path: Path, data_dir: 
     ):
         trained_model(early)
     copytree(uninterrupted / "checkpoints" / "warm_up", early / "checkpoints" / "warm_up")
-    (early / "checkpoints" / "warm_up" / "9.partial").mkdir()
+    half = make_scratch(early / "checkpoints" / "warm_up")
     model = trained_model(early)
     assert set(model.params) == {"generative", "motion"}
     assert_same_bits(
         jax.tree.map(np.asarray, model.params["motion"]),
         Checkpointer(uninterrupted, "warm_up").tree("params"),
     )
-    assert (early / "checkpoints" / "warm_up" / "9.partial").is_dir()  # what is being written stays
+    assert half.is_dir()  # what is being written stays
     with pytest.raises(FileNotFoundError, match=r"holds no config\.toml; name a run of train\.py"):
         trained_model(tmp_path / "nowhere")
 

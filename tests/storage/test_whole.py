@@ -1,17 +1,18 @@
 """Output appears when it is whole, or not at all."""
 
 import errno
+import sys
 from pathlib import Path
 
 import pytest
 
-from garment_jax.export.written_whole import written_whole
+from garment_jax.storage.whole import written_whole
 
 
 def test_files_take_their_names_together_at_the_end(tmp_path: Path):
     targets = [tmp_path / "new" / name for name in ("a.pc2", "a.obj")]
     with written_whole(*targets) as (first, second):
-        assert (first.suffix, first.parent) == (".pc2", tmp_path / "new")
+        assert (first.name, first.parent.parent) == ("a.pc2", tmp_path / "new")
         first.write_text("1")
         second.write_text("2")
         assert not targets[0].exists()
@@ -47,3 +48,42 @@ def test_a_folder_that_holds_something_is_not_replaced(tmp_path: Path):
     with pytest.raises(OSError, match="out is a folder that is not empty"):  # noqa: SIM117
         with written_whole(tmp_path / "out"):
             pass
+
+
+def test_a_set_is_never_a_mixture_at_whatever_move_it_stops(tmp_path: Path):
+    """The cache is there only beside the mesh that was written with it."""
+    cache, mesh, stale = (tmp_path / name for name in ("a.pc2", "a.obj", "a.swing"))
+    seen = []
+
+    def texts() -> tuple[str | None, ...]:
+        return tuple(path.read_text() if path.exists() else None for path in (cache, mesh, stale))
+
+    def look(event: str, _: object) -> None:
+        if event in ("os.rename", "os.remove") and watching:
+            seen.append(texts())
+
+    for path in (cache, mesh, stale):
+        path.write_text("old")
+    watching = True
+    sys.addaudithook(look)
+    try:
+        with written_whole(cache, mesh, last=[cache], gone=[stale]) as made:
+            for path in made:
+                path.write_text("new")
+    finally:
+        watching = False
+    seen.append(texts())
+    states = list(dict.fromkeys(seen))
+    assert states[0] == ("old", "old", "old")
+    assert states[-1] == ("new", "new", None)
+    assert all(state[0] is None for state in states[1:-1])
+    assert len(states) == 5
+
+
+def test_a_folder_that_fills_up_meanwhile_stays(tmp_path: Path):
+    with pytest.raises(OSError, match=r"out was filled by another process meanwhile; name a new one"):  # noqa: PT012, SIM117
+        with written_whole(tmp_path / "out") as (folder,):
+            folder.mkdir()
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "theirs").touch()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
