@@ -47,7 +47,7 @@ def check_directory(file: BinaryIO, path: Path) -> None:
         return
     directory = struct.unpack_from("<I", tail, at + 12)[0]
     if at >= 20 and tail[at - 20 : at - 16] == _LOCATOR:
-        file.seek(struct.unpack_from("<Q", tail, at - 12)[0] if size >= 56 else 0)
+        file.seek(min(struct.unpack_from("<Q", tail, at - 12)[0], size))
         record = file.read(56)
         if record[:4] == _END_64 and len(record) == 56:
             directory = max(directory, struct.unpack_from("<Q", record, 40)[0])

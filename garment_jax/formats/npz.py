@@ -1,5 +1,6 @@
 """Archives of plain arrays (.npz): names, shapes and arrays, nothing believed that the bytes do not hold."""
 
+import errno
 import tokenize
 import zipfile
 import zlib
@@ -90,6 +91,11 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
                 check_members(archive.infolist(), path, size=size)
                 yield archive
     except (Damaged, *_BROKEN) as error:
+        raise OSError(f"{path} is damaged or no .npz file of plain arrays; copy it again.") from error
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
+        # a directory that begins before the file does
         raise OSError(f"{path} is damaged or no .npz file of plain arrays; copy it again.") from error
 
 

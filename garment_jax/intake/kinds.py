@@ -2,6 +2,7 @@
 
 import mmap
 import re
+import struct
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ def find_kind(paths: Sequence[Path]) -> str:
     for paths of several kinds. Contents are looked at as bytes: nothing is unpickled or unpacked.
     """
     kinds = {path: _kind_of(path) for path in paths}
+    kinds = {path: kind for path, kind in kinds.items() if not _is_unclear(path)} or kinds
     if len(set(kinds.values())) > 1:
         (one, first), (other, second) = next(
             (a, b) for a in kinds.items() for b in kinds.items() if a[1] != b[1]
@@ -115,6 +117,13 @@ def _kind_of_file(path: Path) -> str | None:
     return "motion" if suffix in MOTIONS else None
 
 
+def _is_unclear(path: Path) -> bool:
+    """Return whether a file is too damaged to tell its kind: it is left to the reader of the others."""
+    if path.suffix.lower() == ".h5" and path.is_file():
+        return not any(_holds(path, word) for word in (b"schema_version", b"vertices_delta"))
+    return path.suffix.lower() == ".npz" and path.is_file() and not _members(path)
+
+
 def _is_meshes(path: Path) -> bool:
     if path.is_dir():
         return any(file.suffix.lower() in MESHES for file in path.iterdir())
@@ -133,7 +142,7 @@ def _members(path: Path) -> list[str]:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.namelist()
-    except (zipfile.BadZipFile, OSError, ValueError):
+    except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError, struct.error):
         return []
 
 

@@ -215,3 +215,13 @@ def test_shapes_are_read_without_values_and_broken_headers_are_damage(tmp_path: 
     for read in (npz_shapes, read_npz):
         with pytest.raises(OSError, match=r"a\.npz is damaged or no \.npz file of plain arrays"):
             read(path)
+
+
+def test_a_directory_before_the_file_begins_is_damage(tmp_path: Path):
+    np.savez(tmp_path / "a.npz", a=np.zeros(3))
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    end = data.rfind(b"PK\x05\x06")
+    locator = b"PK\x06\x07" + bytes(4) + struct.pack("<Q", 2**63 + 5) + struct.pack("<I", 1)
+    (tmp_path / "a.npz").write_bytes(bytes(data[:end]) + locator + bytes(data[end:]))
+    with pytest.raises(OSError, match=r"a\.npz is damaged or no \.npz file of plain arrays; copy it again"):
+        read_npz(tmp_path / "a.npz")

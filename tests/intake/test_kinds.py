@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from garment_jax.intake.kinds import find_kind, in_order, list_clips
@@ -83,3 +84,13 @@ def test_what_is_none_of_them_is_refused(case: Path, tmp_path: Path):
         FileNotFoundError, match=r"holds no simulations \(\.pkl\); name the clips' own folder"
     ):
         list_clips([case / "walk"], "vto")
+
+
+def test_a_file_too_damaged_to_tell_its_kind_goes_with_the_others(tmp_path: Path):
+    clips = [write_clip(tmp_path / f"{name}.h5", 2) for name in "abc"]
+    clips[1].write_bytes(b"\x89HDF\r\n")
+    assert find_kind(clips) == "motion"
+    (tmp_path / "1.npz").write_bytes(b"PK")
+    np.savez(tmp_path / "2.npz", pose=np.zeros(3), sim_res=np.zeros(3))
+    assert find_kind([tmp_path / "1.npz", tmp_path / "2.npz"]) == "virtualbones"
+    assert find_kind([clips[1]]) == "packed"
