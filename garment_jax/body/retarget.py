@@ -1,41 +1,33 @@
-"""Motion capture put on a rigged body: retargeting by bone directions.
+"""A motion put on a rigged body, whatever skeleton it was made on: retargeting by bone directions.
 
-Both skeletons stand upright in their rest poses, Y up and facing +Z; they differ in proportions and in how
-far arms and legs are spread (a T-pose there, an A-pose here). So a joint takes its source joint's world
-rotation from rest, R = R_source C, where C turns the body's limb bone along the shortest arc to the
-source's, both at rest: the posed bone then points where the source's points and twists as it twists.
-Torso, head, shoulders and feet have C = 1 (upright stays upright, a flat foot flat), a hand has its
-forearm's.
+A body's joint takes its source joint's world rotation from rest times two constants, R = W R_source C: W
+turns the file's world to Y up, as the posed skeleton shows it (`up_axis`), and C takes the body's bone to the
+source's (`local_axes`), so that the posed bone points where the source's points and twists as it twists.
+Where both rest poses stand, C is 1 for torso, head, shoulders and feet (upright stays upright, a flat foot
+flat), the shortest arc for limbs, and a hand has its forearm's.
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from garment_jax.body.bvh import BvhClip
+from garment_jax.body.joint_names import match_joints, missing_joints, plain_name, roles_of, table_to_fill
 from garment_jax.body.kinematics import joint_positions
+from garment_jax.body.local_axes import NEEDED as NEEDED_ROLES
+from garment_jax.body.local_axes import alignments, shortest_turn, sides_agree, standing_axes, upright_axis
 from garment_jax.body.resample import between, sample_times, slerp
+from garment_jax.body.skeleton_track import SkeletonTrack, rest_positions, world_positions
+from garment_jax.body.up_axis import TO_Y, UpAxis, axis_name, leg_length, settle_up
 from garment_jax.structs import Motion, RiggedBody
 
+_SAME_SIZE = 5e-3  # relative: legs this near are of one skeleton
 # Parts of the height of the body's joints: a limb's bone is at least this long (forearm 0.15; a shoulder
 # and a foot 0.09), and a joint lower than this is a foot's.
 LIMB, FOOT = 0.12, 0.1
-_TORSO = {"Hips": "hip", "Spine": "abdomen", "Spine1": "chest", "Neck": "neck", "Head": "head"}
-_SIDE = {
-    "Shoulder": "Collar",
-    "Arm": "Shldr",
-    "ForeArm": "ForeArm",
-    "Hand": "Hand",
-    "UpLeg": "Thigh",
-    "Leg": "Shin",
-    "Foot": "Foot",
-}
-# The CMU data base goes round with two sets of names: those of the body itself and these.
-CMU_JOINTS = _TORSO | {f"{s}{a}": f"{s[0].lower()}{b}" for s in ("Left", "Right") for a, b in _SIDE.items()}
-NEEDED = ("Hips", *(f"{s}{n}" for s in ("Left", "Right") for n in ("Arm", "ForeArm", "UpLeg", "Leg", "Foot")))
 
 
 def read_joint_table(path: str | Path) -> dict[str, str]:
@@ -57,29 +49,46 @@ def read_joint_table(path: str | Path) -> dict[str, str]:
     return table
 
 
-def cmu_joint_table(clip: BvhClip, body: RiggedBody) -> dict[str, str]:
-    """Return body joint -> file joint by the names of the CMU data base, either set of them.
+class Alignment(NamedTuple):
+    """How a file's joints are turned against the body's, and their world."""
 
-    Capitals do not count, nor a prefix before a colon. Joints without a source are left out (they follow
-    their parents); `ValueError` names those that a motion cannot do without.
+    C: np.ndarray  # [j, 3, 3] body rotation = W R_source C
+    W: np.ndarray  # [3, 3] from the file's world to Y up
+    scale: float  # metres per file unit by the legs; NaN where the table holds none
+    notes: tuple[str, ...]
+
+
+def joint_table(
+    track: SkeletonTrack, body: RiggedBody, joints: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Return body joint -> file joint: by names (`joint_names`), or the user's table `joints`.
+
+    A table's file joints may stand without prefixes, and empty ones are left out. Joints without a source
+    follow their parents. Raises `ValueError` for joints that there are not, and for those that a motion
+    cannot do without, with a table to fill in.
     """
-    found = {name.rpartition(":")[2].lower(): name for name in reversed(clip.joint_names)}
-    table = {}
-    for name in body.joint_names:
-        source = found.get(name.lower()) or found.get(CMU_JOINTS.get(name, name).lower())
-        if source is not None:
-            table[name] = source
-    missing = [name for name in NEEDED if name not in table]
+    if joints is not None:
+        return {name: _in_file(source, track) for name, source in joints.items() if source}
+    table = match_joints(track.joint_names, track.parents, body.joint_names, body.parents)
+    missing = missing_joints(table, body.joint_names, body.parents)
     if missing:
+        lines = table_to_fill(table, body.joint_names, track.joint_names)
         raise ValueError(
-            f"no source for {', '.join(missing)} among the file's joints {', '.join(clip.joint_names)}; "
-            "give a joint table (body joint -> file joint)."
+            f"no source for {', '.join(missing)} among the file's joints; fill in this table (body joint = "
+            f"file joint) and give it with --joints:\n{lines}"
         )
     return table
 
 
+def _in_file(name: str, track: SkeletonTrack) -> str:
+    if name in track.joint_names:
+        return name
+    plain = [known for known in track.joint_names if plain_name(known).lower() == plain_name(name).lower()]
+    return plain[0] if len(plain) == 1 else name
+
+
 def retarget(
-    clip: BvhClip,
+    track: SkeletonTrack,
     body: RiggedBody,
     *,
     joints: Mapping[str, str] | None = None,
@@ -87,34 +96,51 @@ def retarget(
     source_fps: float | None = None,
     skip: int = 0,
     scale: float | None = None,
+    metres: float | None = None,
     floor: bool = True,
     centre: bool = True,
+    up: str | None = None,
+    usual_up: str = "Y",
+    rest_frame: int | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Motion:
-    """Return `clip` as a motion of `body` at `fps`: rotations float32, root float64 in metres, Y up.
+    """Return `track` as a motion of `body` at `fps`: rotations float32, root float64 in metres, Y up.
 
-    `joints`: body joint -> file joint (default: `cmu_joint_table`); joints without a source follow their
-    parents. `source_fps`: the clip's true rate, where its header lies. `skip`: frames of the file to drop at
-    its beginning. `scale`: metres per file unit (default: the ratio of the legs' lengths). The root begins
+    `joints`: body joint -> file joint (default: by names); joints without a source follow their parents.
+    `source_fps`: the track's true rate, where its header lies. `skip`: frames of the file to drop at its
+    beginning. `scale`: metres per file unit (default: the ratio of the legs' lengths, or `metres` where that
+    is nearly that ratio, for the skeletons are one, or no legs are known). The root begins
     at x = z = 0; without `centre` it is where the file has it, times `scale`. `floor` lifts the whole motion
     by one constant: in the median frame the lowest joint is as high as in the canonical pose. Without it
-    the root's height is scale x the file's.
-    Raises `ValueError` for names that do not exist, a skeleton that is not Y up facing +Z, and options out
-    of range.
+    the root's height is scale x the file's. `up` is the file's up axis ("Y", "Z") where the user says it,
+    `usual_up` the format's (`up_axis.settle_up`). `rest_frame`: the file's frame that is its rest pose, a
+    T- or A-pose. `say` takes what was decided, a phrase each. Raises `ValueError` for names that do not
+    exist, left and right exchanged, an up axis that the motion does not have, and options out of range.
     """
-    table = dict(cmu_joint_table(clip, body) if joints is None else joints)
-    sources = _source_indices(table, clip, body)
-    rest = _rest_positions(clip)
-    _check_orientation(sources, rest, body)
-    bones = _limb_bones(sources, rest, body)
+    table = joint_table(track, body, joints)
+    sources = _source_indices(table, track, body)
+    if rest_frame is not None:
+        track = _from_frame(track, rest_frame, sources, body)
+    found = align(track, body, sources, up=up, usual_up=usual_up)
     if scale is None:
-        scale = _leg_ratio(bones, sources, rest, body)
+        scale = found.scale
+        if metres is not None and not abs(scale / metres - 1) > _SAME_SIZE:  # NaN, too
+            scale = metres
+        elif metres is not None and say is not None:
+            say(f"scaled by {scale / metres:.3g}, the ratio of the legs' lengths")
+    if np.isnan(found.scale) and np.isnan(scale):
+        raise ValueError(
+            "the joint table holds no leg to compare lengths; give --motion-unit cm, or the legs' joints."
+        )
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale = {scale} must be positive; 0.01 for a file in cm.")
-    rate = source_rate(clip) if source_fps is None else source_fps
-    first, part = sample_times(len(clip.root), fps, rate, skip)
-    turns = _alignments(bones, sources, rest, body)
-    rotations = _target_rotations(clip, sources, turns, body, first, part)
-    root = scale * between(clip.root, first, part)
+    for note in found.notes:
+        (say or (lambda _: None))(note)
+    rate = source_rate(track) if source_fps is None else source_fps
+    first, part = sample_times(len(track.root), fps, rate, skip)
+    rotations = _target_rotations(track, sources, found, body, first, part)
+    path = world_positions(track)[:, sources[0]] if sources[0] else track.root.astype(np.float64)
+    root = scale * between(path, first, part) @ found.W.T
     if centre:
         root[:, [0, 2]] -= root[0, [0, 2]]
     if floor:
@@ -123,24 +149,134 @@ def retarget(
     return Motion(rotations.astype(np.float32), root, float(fps))
 
 
-def _source_indices(table: dict[str, str], clip: BvhClip, body: RiggedBody) -> np.ndarray:
+def align(
+    track: SkeletonTrack,
+    body: RiggedBody,
+    sources: np.ndarray,
+    *,
+    up: str | None = None,
+    usual_up: str = "Y",
+) -> Alignment:
+    """Return how a track's joints are turned against the body's, whose `sources` `[j]` they are."""
+    roles = _body_roles(track, body, sources)
+    at = {role: int(sources[j]) for role, j in roles.items() if sources[j] >= 0}
+    if not set(NEEDED_ROLES) <= set(at):
+        return _by_shape(track, body, sources, up or usual_up)
+    positions = world_positions(track)
+    rest = rest_positions(track)
+    standing, axis = settle_world(track, positions, at, up=up, usual_up=usual_up)
+    C = alignments(track.rotations, positions, rest, sources, body, roles)
+    legs = leg_length(body.joints[None].astype(np.float64), roles)
+    scale = legs / leg_length(positions, at)
+    notes = [axis.note] if axis.note else []
+    still = [name for name, source in zip(body.joint_names, sources, strict=True) if source < 0]
+    if still:
+        shown = ", ".join(still[:6]) + (", …" if len(still) > 6 else "")
+        notes.append(f"{len(still)} joints have no source and follow their parents: {shown}")
+    if standing is None:
+        notes.append("its rest pose is none that stands: retargeted by the posed bones' directions")
+    else:
+        apart = max(np.degrees(Rotation.from_matrix(standing.T @ C).magnitude()))
+        if apart > 1.0:
+            notes.append(
+                f"its rest pose is {apart:.0f} degrees from the body's: retargeted by bone directions"
+            )
+    return Alignment(C, TO_Y[axis.axis], scale, tuple(notes))
+
+
+def settle_world(
+    track: SkeletonTrack,
+    positions: np.ndarray,
+    at: Mapping[str, int],
+    *,
+    up: str | None = None,
+    usual_up: str = "Y",
+) -> tuple[np.ndarray | None, UpAxis]:
+    """Return how the rest pose stands (`standing_axes`) and which axis is up: what import asks of a track.
+
+    `positions` `[t, j, 3]` are the track's; `at`: role -> its joint. Raises `ValueError` for left and right
+    exchanged, and as `settle_up`.
+    """
+    standing = standing_axes(rest_positions(track), at)
+    rest_up = None if standing is None or track.rest_is_another_world else axis_name(standing[:, 1])
+    axis = settle_up(positions, at, usual=usual_up, said=up, rest_up=rest_up)
+    if not sides_agree(positions, at):
+        raise ValueError(
+            "left and right are exchanged, knees and toes point backwards; check that the joint table does "
+            "not mix left and right."
+        )
+    return standing, axis
+
+
+def _body_roles(track: SkeletonTrack, body: RiggedBody, sources: np.ndarray) -> dict[str, int]:
+    """Return what the body's joints are by their names, else by those of their sources."""
+    roles = roles_of(body.joint_names, body.parents)
+    there = {k: role for role, k in roles_of(track.joint_names, track.parents).items()}
+    known = set(roles.values())
+    return {there[int(s)]: j for j, s in enumerate(sources) if int(s) in there and j not in known} | roles
+
+
+def _from_frame(track: SkeletonTrack, frame: int, sources: np.ndarray, body: RiggedBody) -> SkeletonTrack:
+    """Return the same motion with its pose in `frame`, turned to face +Z with Y up, as the rest pose."""
+    if not 0 <= frame < len(track.root):
+        raise ValueError(
+            f"--rest-frame {frame} is none of {len(track.root)} frames; take 0 to {len(track.root) - 1}."
+        )
+    positions = world_positions(
+        track._replace(
+            root=track.root[frame : frame + 1],
+            rotations=track.rotations[frame : frame + 1],
+            moved={j: offset[frame : frame + 1] for j, offset in track.moved.items()},
+        )
+    )
+    roles = _body_roles(track, body, sources)
+    at = {role: int(sources[j]) for role, j in roles.items() if sources[j] >= 0}
+    if not set(NEEDED_ROLES) <= set(at):
+        raise ValueError(
+            f"--rest-frame {frame} needs hips, neck, arms and legs; name their joints with --joints."
+        )
+    left = positions[0, at["LeftUpLeg"]] - positions[0, at["RightUpLeg"]]
+    up = TO_Y[upright_axis(positions, at)[0]][1]
+    x = left - (left @ up) * up
+    x /= np.linalg.norm(x)
+    Q = np.stack([x, up, np.cross(x, up)], axis=1)  # from the new rest pose's axes to that frame's world
+    R = track.rotations[frame].astype(np.float64)
+    offsets = track.offsets.copy()
+    for j in range(1, len(offsets)):
+        offsets[j] = (positions[0, j] - positions[0, track.parents[j]]) @ Q
+    new = track._replace(
+        rotations=track.rotations.astype(np.float64) @ np.swapaxes(R, -1, -2) @ Q,
+        offsets=offsets,
+        moved={},
+        root=track.root,
+    )
+    if standing_axes(rest_positions(new), at) is None:
+        raise ValueError(
+            f"--rest-frame {frame}: the body does not stand in a T- or A-pose there; name another frame."
+        )
+    return new
+
+
+def _by_shape(track: SkeletonTrack, body: RiggedBody, sources: np.ndarray, up: str) -> Alignment:
+    """Return the alignment of a table that lacks limbs: by the rest poses, both upright and facing +Z."""
+    rest = rest_positions(track)
+    _check_orientation(sources, rest, body)
+    bones = _limb_bones(sources, rest, body)
+    scale = _leg_ratio(bones, sources, rest, body)
+    return Alignment(_alignments(bones, sources, rest, body), TO_Y[up], scale, ())
+
+
+def _source_indices(table: dict[str, str], track: SkeletonTrack, body: RiggedBody) -> np.ndarray:
     """Return each body joint's source `[j]`, -1 where it follows its parent."""
     unknown = [name for name in table if name not in body.joint_names]
     if unknown:
         raise ValueError(f"the body has no joint {unknown[0]!r}; it has {', '.join(body.joint_names)}.")
-    unknown = [name for name in table.values() if name not in clip.joint_names]
+    unknown = [name for name in table.values() if name not in track.joint_names]
     if unknown:
-        raise ValueError(f"the file has no joint {unknown[0]!r}; it has {', '.join(clip.joint_names)}.")
+        raise ValueError(f"the file has no joint {unknown[0]!r}; it has {', '.join(track.joint_names)}.")
     if body.joint_names[0] not in table:
         raise ValueError(f"the joint table lacks the body's root {body.joint_names[0]!r}; add its source.")
-    return np.array([clip.joint_names.index(table[n]) if n in table else -1 for n in body.joint_names])
-
-
-def _rest_positions(clip: BvhClip) -> np.ndarray:
-    rest = np.zeros_like(clip.offsets)
-    for j, parent in enumerate(clip.parents):
-        rest[j] = clip.offsets[j] + rest[parent] if parent >= 0 else 0.0
-    return rest
+    return np.array([track.joint_names.index(table[n]) if n in table else -1 for n in body.joint_names])
 
 
 def _check_orientation(sources: np.ndarray, rest: np.ndarray, body: RiggedBody) -> None:
@@ -194,9 +330,7 @@ def _leg_ratio(bones: dict[int, int], sources: np.ndarray, rest: np.ndarray, bod
     legs = {j: end for j, end in bones.items() if foot[end] or (end in bones and foot[bones[end]])}
     here = sum(np.linalg.norm(x[end] - x[j]) for j, end in legs.items())
     there = sum(np.linalg.norm(rest[sources[end]] - rest[sources[j]]) for j, end in legs.items())
-    if not legs:
-        raise ValueError("the joint table holds no leg to compare lengths; give scale (0.01 for cm).")
-    return float(here / there)
+    return float(here / there) if legs else float("nan")
 
 
 def _alignments(bones: dict[int, int], sources: np.ndarray, rest: np.ndarray, body: RiggedBody) -> np.ndarray:
@@ -206,39 +340,32 @@ def _alignments(bones: dict[int, int], sources: np.ndarray, rest: np.ndarray, bo
     for j in range(1, len(x)):
         if j in bones:
             end = bones[j]
-            C[j] = _shortest_turn(x[end] - x[j], rest[sources[end]] - rest[sources[j]])
+            C[j] = shortest_turn(x[end] - x[j], rest[sources[end]] - rest[sources[j]])
         elif not foot[j]:
             C[j] = C[body.parents[j]]
     return C
 
 
-def _shortest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the rotation by the smallest angle that takes direction `a` to `b`.
-
-    Opposite directions have no shortest arc; they turn about the axis farthest from them.
-    """
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis = np.cross(a, b)
-    if np.linalg.norm(axis) < 1e-9:
-        axis = np.cross(a, np.eye(3)[np.abs(a).argmin()])
-    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
-    return Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
-
-
-def source_rate(clip: BvhClip) -> float:
+def source_rate(track: SkeletonTrack) -> float:
     """Return the frame rate that a clip's header claims, frames a second."""
     # headers round: 0.00833333 s is 120 frames a second, and a long clip must not drift
-    rate = 1.0 / clip.frame_time
+    rate = 1.0 / track.frame_time
     return float(round(rate)) if abs(rate - round(rate)) < 1e-3 else rate
 
 
 def _target_rotations(
-    clip: BvhClip, sources: np.ndarray, C: np.ndarray, body: RiggedBody, first: np.ndarray, part: np.ndarray
+    track: SkeletonTrack,
+    sources: np.ndarray,
+    found: Alignment,
+    body: RiggedBody,
+    first: np.ndarray,
+    part: np.ndarray,
 ) -> np.ndarray:
     rotations = np.zeros((len(first), len(sources), 3, 3))
     for j, source in enumerate(sources):
         if source < 0:
             rotations[:, j] = rotations[:, body.parents[j]]
             continue
-        rotations[:, j] = slerp(clip.rotations[:, source], first, part) @ C[j]
+        R = slerp(track.rotations[:, source].astype(np.float64), first, part)
+        rotations[:, j] = found.W @ R @ found.C[j]
     return rotations

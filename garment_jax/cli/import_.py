@@ -11,7 +11,20 @@ MOVED = ("body", "motion")  # what may hold several skeletons
 
 # options that packed clips have no use for
 FOREIGN = (
-    *("garment", "motion", "collider", "pins", "unit", "up", "fps", "source_fps", "joints", "skip", "floor"),
+    *(
+        "garment",
+        "motion",
+        "collider",
+        "pins",
+        "unit",
+        "up",
+        "fps",
+        "source_fps",
+        "joints",
+        "skip",
+        "rest_frame",
+        "floor",
+    ),
     *("unwrap", "fit_uv", "drop_duplicates", "test", "animation", "mesh", "skeleton"),
     *(f"{part}_{what}" for part in PARTS for what in ("unit", "up")),
     *(f"{part}_{what}" for part in MOVED for what in ("mesh", "skeleton")),
@@ -70,6 +83,9 @@ def add(commands) -> None:
     parser.add_argument("--source-fps", type=float, help="true rate of motions that do not say it, or lie")
     parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
     parser.add_argument("--skip", type=int, default=0, help="first frames of motions to drop (rest poses)")
+    parser.add_argument(
+        "--rest-frame", type=int, help="frame of motions that is a T- or A-pose: their rest pose"
+    )
     parser.add_argument("--floor", action="store_true", help="lift motions so that the feet are on the floor")
     parser.add_argument("--unwrap", action="store_true", help="make UVs for a garment without (extra unwrap)")
     parser.add_argument("--fit-uv", action="store_true", help="scale UVs in metres or on tiles into 0 … 1")
@@ -120,6 +136,7 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
         source_fps=options.source_fps,
         joints=options.joints,
         skip=options.skip,
+        rest_frame=options.rest_frame,
         floor=options.floor,
         unwrap=options.unwrap,
         fit_uv=options.fit_uv,

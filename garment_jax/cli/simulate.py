@@ -14,7 +14,17 @@ WAYS = {
         *("garment", "unwrap", "fit_uv", "drop_duplicates", "pattern", "pins", "collider"),
         *("body", "betas", "body_unit", "body_up", "body_mesh", "body_skeleton"),
         *("animation", "motion_mesh", "motion_skeleton"),
-        *("motion", "joints", "source_fps", "skip", "motion_unit", "motion_up", "keep_height", "test"),
+        *(
+            "motion",
+            "joints",
+            "source_fps",
+            "skip",
+            "rest_frame",
+            "motion_unit",
+            "motion_up",
+            "keep_height",
+            "test",
+        ),
     ),
 }
 
@@ -77,6 +87,9 @@ def add(commands) -> None:
     parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
     parser.add_argument("--source-fps", type=float, help="true rate of the motions, where a file lies")
     parser.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
+    parser.add_argument(
+        "--rest-frame", type=int, help="frame of motions that is a T- or A-pose: their rest pose"
+    )
     parser.add_argument("--motion-unit", help="of the motions' files")
     parser.add_argument("--motion-up", choices=("Y", "Z"), help="up axis of the motions' files")
     parser.add_argument("--animation", metavar="NAME", help="the one to take of a glTF that holds several")
@@ -232,6 +245,7 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         joints=None if options.joints is None else read_joint_table(options.joints),
         source_fps=options.source_fps,
         skip=options.skip,
+        rest_frame=options.rest_frame,
         floor=not options.keep_height,
         unit=options.motion_unit,
         up=options.motion_up,

@@ -35,6 +35,22 @@ JOINT_NAMES = {
 _BODY_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19)
 
 
+# Offsets of the mean neutral shape's joints from their parents, metres (the pelvis: from the model's origin).
+_BODY_OFFSETS = (
+    *((-0.0022, -0.2408, 0.0286), (0.0586, -0.0823, -0.0177), (-0.0603, -0.0905, -0.0135)),
+    *((0.0044, 0.1244, -0.0384), (0.0435, -0.3865, 0.0080), (-0.0433, -0.3837, -0.0048)),
+    *((0.0045, 0.1380, 0.0268), (-0.0148, -0.4269, -0.0374), (0.0191, -0.4200, -0.0346)),
+    *((-0.0023, 0.0560, 0.0029), (0.0411, -0.0603, 0.1220), (-0.0348, -0.0621, 0.1303)),
+    *((-0.0134, 0.2116, -0.0335), (0.0717, 0.1140, -0.0189), (-0.0830, 0.1125, -0.0237)),
+    *((0.0101, 0.0889, 0.0504), (0.1229, 0.0452, -0.0190), (-0.1132, 0.0469, -0.0085)),
+    *((0.2553, -0.0156, -0.0229), (-0.2601, -0.0144, -0.0313), (0.2657, 0.0127, -0.0074)),
+    (-0.2691, 0.0068, -0.0060),
+)
+_HAND = (
+    0.08  # metres from the wrist, or from one joint of a finger to the next: no limb's direction hangs on it
+)
+
+
 class SmplBody(NamedTuple):
     """A body model in its rest pose; metres, Y up, the model's own origin."""
 
@@ -57,6 +73,17 @@ def standard_parents(count: int) -> np.ndarray:
         first = not name.endswith(("2", "3"))
         parents.append(names.index("head") if head else hand if first else len(parents) - 1)
     return np.array(parents, np.int32)
+
+
+def standard_joints(count: int) -> np.ndarray:
+    """Return the rest positions `[j, 3]` of the family's mean body, metres; hands and face only roughly."""
+    parents, names = standard_parents(count), JOINT_NAMES[count]
+    joints = np.zeros((count, 3))
+    for j, name in enumerate(names):
+        side = 1.0 if name.startswith("left") else -1.0
+        offset = _BODY_OFFSETS[j] if j < len(_BODY_OFFSETS) else (side * _HAND, 0.0, 0.0)
+        joints[j] = np.array(offset) + (joints[parents[j]] if j else 0.0)
+    return joints
 
 
 def is_smpl(path: str | Path) -> bool:

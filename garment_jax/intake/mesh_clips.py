@@ -79,9 +79,11 @@ def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) ->
         wardrobe.options, "clip", np.asarray(mesh.vertices[0]), path, unit=mesh.unit, up=mesh.up
     )
     check_vertex_order(place(mesh.vertices[:1])[0], dressed.scene.garment, path, wardrobe.garment_path)
-    motion = wardrobe.motion(motion_path, fps=fps) if moved is None else moved.fitted.motion
+    motion, said = (
+        wardrobe.motion(motion_path, fps=fps) if moved is None else (moved.fitted.motion, moved.notes)
+    )
     check_lengths(len(mesh.vertices), len(motion.root), motion.fps, path, motion_path)
-    notes = (*dressed.notes, *place.notes, *(() if moved is None else moved.notes))
+    notes = (*dressed.notes, *place.notes, *said)
     if fps is None:
         notes += (f"{path} does not say its frame rate: taken for the motion's {motion.fps:g} fps",)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(mesh.vertices, place, size), notes)

@@ -15,8 +15,8 @@ def motion_sources(paths: Sequence[Path], options: Options) -> list[Source]:
     wardrobe = Wardrobe(options)
 
     def read(path: Path) -> ForeignClip:
-        motion = wardrobe.motion(path, fps=options.fps, centre=True)
-        return ForeignClip(wardrobe.dressed().scene, motion, None, wardrobe.dressed().notes)
+        motion, notes = wardrobe.motion(path, fps=options.fps, centre=True)
+        return ForeignClip(wardrobe.dressed().scene, motion, None, (*notes, *wardrobe.dressed().notes))
 
     def source(path: Path) -> Source:
         return Source(path.stem, path, (path, *wardrobe.files()), lambda: read(path))

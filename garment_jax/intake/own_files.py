@@ -84,14 +84,15 @@ class Wardrobe:
 
     def motion(
         self, path: Path, betas: np.ndarray | None = None, *, fps: float | None = None, centre: bool = False
-    ) -> Motion:
-        """Return a motion of the body, at `fps` (None: its own); a clip's is where its file says."""
+    ) -> tuple[Motion, tuple[str, ...]]:
+        """Return a motion of the body, at `fps` (None: its own), and what was decided."""
         dressed, origin = self._dress(betas)
         o = self.options
         # the motion in the body's own file is that of the body that was chosen there
         named = {"mesh": o.mesh.get("body"), "skeleton": o.skeleton.get("body")}
         own = named if path == self.body_path else {}
-        return read_motion(
+        notes: list[str] = []
+        motion = read_motion(
             path,
             dressed.scene.body,
             fps=fps,
@@ -107,7 +108,10 @@ class Wardrobe:
             animation=o.animation,
             mesh=o.mesh.get("motion", own.get("mesh")),
             skeleton=o.skeleton.get("motion", own.get("skeleton")),
+            rest_frame=o.rest_frame,
+            say=notes.append,
         )
+        return motion, tuple(notes)
 
     def _dress(
         self, betas: np.ndarray | None, body: RiggedBody | None = None

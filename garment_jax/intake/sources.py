@@ -23,6 +23,7 @@ class Options(NamedTuple):
     source_fps: float | None = None  # true rate of motion files that do not say it, or lie
     joints: Path | None = None  # table of joint names
     skip: int = 0  # first frames of motion files to drop
+    rest_frame: int | None = None  # frame of motion files that is their rest pose
     floor: bool = False  # lift motions so that the feet are on the floor
     unwrap: bool = False
     fit_uv: bool = False

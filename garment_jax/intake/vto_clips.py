@@ -66,9 +66,9 @@ def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
         wardrobe.options, "clip", clip.vertices[0], path, unit=clip.motion.unit, up=clip.motion.up
     )
     check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
-    motion = wardrobe.motion(path, betas, fps=fps)
+    motion, said = wardrobe.motion(path, betas, fps=fps)
     check_lengths(len(clip.vertices), len(motion.root), motion.fps, path, path)
-    notes = (*dressed.notes, *clip.motion.notes)
+    notes = (*dressed.notes, *said)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)
 
 

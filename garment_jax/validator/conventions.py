@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from garment_jax.body.up_axis import axis_name
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.finding import Finding, Repair
 from garment_jax.validator.body_checks import LARGEST, PERSON, SMALLEST, UNITS, body_unit, body_up, extent
@@ -88,14 +89,21 @@ def _up(clip: RawClip) -> Finding:
     world, standing = _world_up(clip, canonical)
     if canonical == world == "Y":
         if said == "Y":
+            lying = _lying_along(clip)
+            if lying != "Y":
+                value = f"the body lies along {lying} in the mean over the frames"
+                return Finding("up axis", "note", value, remedy="fine for somebody who lies on the floor")
             return Finding("up axis", "ok", "Y")
         value, repair = f"attribute up_axis is {said!r}, body and motion stand along Y", Repair("attributes")
     else:
         both = canonical == world
         shown = "body and motion stand" if both else f"the {'body' if canonical == 'Z' else 'motion'} stands"
-        value = f"{shown} along Z" + ("" if said == "Y" else f" (attribute up_axis is {said!r})")
+        shown_axis = world if world != "Y" else canonical
+        value = f"{shown} along {shown_axis}" + ("" if said == "Y" else f" (attribute up_axis is {said!r})")
         repair = (
-            Repair("up" if both else "canonical up" if canonical == "Z" else "world up") if standing else None
+            Repair("up" if both else "canonical up" if canonical == "Z" else "world up")
+            if standing and world in "YZ"
+            else None
         )
     return Finding(
         "up axis",
@@ -109,7 +117,8 @@ def _up(clip: RawClip) -> Finding:
 def _world_up(clip: RawClip, canonical: str) -> tuple[str, bool]:
     """Return the world's up axis as the root stands in it, and whether its height agrees.
 
-    Somebody who lies on the floor for a whole clip has a root along Z too, but near Y = 0.
+    Somebody who lies on the floor for a whole clip has a root along Z too, but near Y = 0, and does not move
+    up and down by half a body's height while staying where the other axis has it.
     """
     body, axis = clip.scene.body, np.eye(3)["XYZ".index(canonical)]
     up = (clip.motion.rotations[:, 0].astype(np.float64) @ axis).mean(axis=0)
@@ -118,7 +127,20 @@ def _world_up(clip: RawClip, canonical: str) -> tuple[str, bool]:
     upright = [bool(_HEIGHT[0] * height < root[k] < _HEIGHT[1] * height) for k in range(3)]
     if up[2] > _TILTED and not (canonical == "Y" and upright[1] and not upright[2]):
         return "Z", upright[2]
+    shown = axis_name(up)
+    if canonical == "Y" and shown != "Y" and abs(up).max() > _TILTED:
+        k, sign = "XYZ".index(shown[-1]), -1.0 if shown[0] == "-" else 1.0
+        spread = np.ptp(clip.motion.root, axis=0)
+        stands = _HEIGHT[0] * height < sign * root[k] < _HEIGHT[1] * height and not upright[1]
+        if stands or (k != 1 and spread[1] > 0.5 * height and spread[k] < 0.5 * spread[1]):
+            return shown, False
     return "Y", upright[1]
+
+
+def _lying_along(clip: RawClip) -> str:
+    """Return the axis along which the root is in the mean over the frames; "Y" where that is none clearly."""
+    up = clip.motion.rotations[:, 0, :, 1].astype(np.float64).mean(axis=0)
+    return axis_name(up) if np.abs(up).max() > _TILTED else "Y"
 
 
 def _root_unit(clip: RawClip) -> Finding:

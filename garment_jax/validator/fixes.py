@@ -162,7 +162,8 @@ def _fix_bvh(path: Path, to: Path, fps: float | None) -> list[str]:
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     head, _, body = text.partition("MOTION")
     lines = [line for line in body.splitlines() if line.strip()]
-    rows = lines[len(lines) - frames :]
+    head_rows = next(k for k, line in enumerate(lines, 1) if "time:" in line.lower().replace(" ", ""))
+    rows = lines[head_rows : head_rows + frames]
     first = sum(int(r.amount) for r in repairs if r.kind == "first")
     last = sum(int(r.amount) for r in repairs if r.kind == "last")
     rows = rows[first : len(rows) - last]

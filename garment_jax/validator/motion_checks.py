@@ -7,7 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from garment_jax.body.bvh import BvhClip, read_bvh
+from garment_jax.body.bvh import read_bvh
+from garment_jax.body.joint_names import roles_of
+from garment_jax.body.local_axes import NEEDED
+from garment_jax.body.retarget import settle_world
+from garment_jax.body.skeleton_track import SkeletonTrack, world_positions
+from garment_jax.body.up_axis import axis_name, leg_length
 from garment_jax.intake.finding import Finding
 from garment_jax.validator.body_checks import likely_units
 from garment_jax.validator.point_checks import check_points
@@ -18,6 +23,8 @@ HEADER_USUAL = (
     0.95  # metres per second, the joints' median; 12 dances of a data base reach 0.72 at true rates
 )
 PERSON = 1.6  # metres that a skeleton is taken to be high
+PERSON_LEGS = 1.0  # a person's height over the length of both legs, about
+_SIDES = "name left and right joints as the knees bend and the toes point"
 _LIMB = 0.25  # metres: what a joint's own turn moves, where there is no skeleton
 _POSES, _PLACES = ("poses", "pose", "smpl_poses"), ("trans", "translation", "smpl_trans")
 _RATES, _FRAMES = ("mocap_framerate", "mocap_frame_rate", "fps"), ("vertices", "sim_res")
@@ -27,15 +34,42 @@ READ = (*_POSES, *_PLACES, *_RATES, *_FRAMES, "faces", "smpl_scaling")  # arrays
 def check_bvh(path: Path, *, fps: float | None = None) -> list[Finding]:
     """Return the findings on a BVH file; `fps`: its true rate where the header lies. Raises as `read_bvh`."""
     clip = read_bvh(path)
-    rest = _rest(clip)
-    size = np.ptp(rest, axis=0)
-    if not size.max() > 0:
+    points = world_positions(clip)
+    size = float(np.ptp(points[0], axis=0).max())
+    if not size > 0:
         return [
             Finding("skeleton", "error", "all joints are in one place", remedy="export it with its bones")
         ]
-    found = [_height(size)]
-    points = _pose(clip) * (PERSON / size.max())
-    return [*found, *check_track(points, fps or 1.0 / clip.frame_time, usual=HEADER_USUAL)]
+    found = [Finding("frames", "note", note) for note in clip.notes]
+    found += _skeleton(clip, points)
+    rate = fps or 1.0 / clip.frame_time
+    return [*found, *check_track(points * (PERSON / size), rate, usual=HEADER_USUAL)]
+
+
+def _skeleton(clip: SkeletonTrack, points: np.ndarray) -> list[Finding]:
+    """Return what `import` would say of the skeleton, its rest pose, its sides and its up axis."""
+    roles = roles_of(clip.joint_names, clip.parents)
+    lacking = [role for role in NEEDED if role not in roles]
+    if lacking:
+        remedy = "import it with a table of joint names, --joints"
+        return [Finding("joint names", "note", f"no joint is known as {', '.join(lacking)}", remedy=remedy)]
+    size = PERSON_LEGS * leg_length(points, roles)
+    units = " or ".join(likely_units(size)) or "an unknown unit"
+    found = [
+        Finding("skeleton unit", "ok", f"about {size:.4g} tall ({units}); the legs' lengths set the scale")
+    ]
+    try:
+        standing, axis = settle_world(clip, points, roles)
+    except ValueError as error:
+        return [*found, Finding("left and right", "error", str(error).partition("; ")[0], remedy=_SIDES)]
+    if standing is None:
+        value = "the rest pose is none that stands; it is retargeted by the posed bones' directions"
+        found.append(Finding("rest pose", "note", value))
+    if axis.note:
+        found.append(Finding("up axis", "note", axis.note))
+    else:
+        found.append(Finding("up axis", "ok", axis.axis))
+    return found
 
 
 def is_motion(arrays: Mapping[str, Any]) -> bool:
@@ -105,7 +139,7 @@ def _poses(poses: np.ndarray, places: Any, arrays: Mapping[str, Any], fps: float
 
 def _stands(root: np.ndarray) -> Finding:
     up = root[:, :, 1].mean(axis=0)
-    axis = "XYZ"[int(np.abs(up).argmax())]
+    axis = axis_name(up)
     if axis == "Y" or abs(up).max() < 0.7:
         return Finding("up axis", "ok", "Y")
     return Finding(
@@ -114,34 +148,3 @@ def _stands(root: np.ndarray) -> Finding:
         f"the body stands along {axis}",
         remedy="fine for AMASS; name the up axis when importing",
     )
-
-
-def _height(size: np.ndarray) -> Finding:
-    if size[2] > 1.3 * size[1]:
-        return Finding(
-            "up axis",
-            "error",
-            "the rest pose stands along Z",
-            remedy="export the file with Y up and the rest pose facing +Z",
-        )
-    units = " or ".join(likely_units(float(size.max()))) or "an unknown unit"
-    return Finding(
-        "skeleton unit", "ok", f"{size.max():.4g} large ({units}); the legs' lengths set the scale"
-    )
-
-
-def _rest(clip: BvhClip) -> np.ndarray:
-    rest = np.zeros_like(clip.offsets)
-    for j, parent in enumerate(clip.parents):
-        rest[j] = clip.offsets[j] + rest[parent] if parent >= 0 else 0.0
-    return rest
-
-
-def _pose(clip: BvhClip) -> np.ndarray:
-    """Return joint positions `[t, j, 3]` in the file's unit."""
-    points = np.zeros((len(clip.root), len(clip.parents), 3))
-    points[:, 0] = clip.root
-    for j in range(1, len(clip.parents)):
-        parent = int(clip.parents[j])
-        points[:, j] = points[:, parent] + clip.rotations[:, parent] @ clip.offsets[j]
-    return points

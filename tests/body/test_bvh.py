@@ -1,10 +1,12 @@
 import itertools
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from garment_jax.body.bvh import read_bvh
+from garment_jax.body.skeleton_track import world_positions
 
 HIERARCHY = """HIERARCHY
 ROOT Hips
@@ -122,7 +124,6 @@ def test_layout_and_positions_of_other_joints_do_not_matter(tmp_path):
         (HIERARCHY + frames_of(REST, count="two"), "the frames' header cannot be read"),
         (HIERARCHY + frames_of(count=0), "announces 0 frames; a clip has at least one"),
         (HIERARCHY + frames_of(REST, count=2), "announces 2 frames and holds 1; it is cut off or edited"),
-        (HIERARCHY + frames_of(REST, REST, count=1), "announces 1 frames and holds 2"),
         (HIERARCHY + frames_of(REST, REST[:-2]), "frame 1 holds 11 numbers for 12 channels"),
         (HIERARCHY + frames_of(REST + " 0"), "frame 0 holds 13 numbers for 12 channels"),
         (HIERARCHY + frames_of(REST, REST[:-1] + "x"), "the frames hold no numbers: could not convert"),
@@ -146,6 +147,77 @@ def test_a_count_that_no_memory_holds_is_refused_by_the_rows_found(tmp_path):
     (tmp_path / "huge.bvh").write_text(HIERARCHY + frames_of(REST, count=10**15))
     with pytest.raises(ValueError, match=f"announces {10**15} frames and holds 1; it is cut off"):
         read_bvh(tmp_path / "huge.bvh")
+
+
+def test_rows_beyond_those_announced_are_left_out_with_a_note(tmp_path):
+    (tmp_path / "more.bvh").write_text(HIERARCHY + frames_of(REST, REST.replace("0", "9"), "", count=1))
+    clip = read_bvh(tmp_path / "more.bvh")
+    assert clip.notes == ("1 rows more than the 1 frames announced are left out",)
+    np.testing.assert_array_equal(clip.root, [[0, 0, 0]])
+
+
+BELOW = """HIERARCHY
+ROOT reference
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Hips
+  {
+    OFFSET 0 95 0
+    CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+    JOINT Spine
+    {
+      OFFSET 0 0 0
+      CHANNELS 3 Xposition Yposition Zposition
+    }
+    JOINT Tail
+    {
+      OFFSET 0 0 -7
+      CHANNELS 3 Xposition Yposition Zposition
+    }
+  }
+}
+"""
+
+
+def test_position_channels_count_down_to_the_hips_and_where_the_offset_is_zero(tmp_path):
+    # reference at (1, 0, 0) turned by 90 degrees about Y takes +Z to +X; then the hips' own place
+    row = "1 0 0 0 0 90  0 90 5 0 0 0  0 12 0  99 99 99"
+    path = tmp_path / "below.bvh"
+    path.write_text(BELOW + frames_of(row))
+    clip = read_bvh(path)
+    points = world_positions(clip)[0]
+    np.testing.assert_allclose(points, [[1, 0, 0], [6, 90, 0], [6, 102, 0], [-1, 90, 0]], atol=1e-9)
+    np.testing.assert_allclose(clip.offsets, [[0, 0, 0], [0, 95, 0], [0, 12, 0], [0, 0, -7]])
+    # channels that are 0 throughout say nothing: the hips stay where their OFFSET has them
+    path.write_text(BELOW + frames_of("1 0 0 0 0 90  0 0 0 0 0 0  0 12 0  99 99 99"))
+    np.testing.assert_allclose(world_positions(read_bvh(path))[0, 1], [1, 95, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["joints", "nesting", "count", "channels", "name", "line"])
+def test_what_would_fill_the_memory_is_refused_within_500_mb(tmp_path, kind):
+    flat = "ROOT A\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n%s}\n"
+    joints = "".join(f"JOINT b{k}\n{{\nOFFSET 0 1 0\nCHANNELS 0\n}}\n" for k in range(20_000))
+    text = {
+        "joints": flat % joints[: joints.index("JOINT b9000")] + frames_of(*["0"] * 5_000),
+        "nesting": "ROOT A\n{\n" + "JOINT b\n{\n" * 200_000,
+        "count": flat % "" + frames_of("0", count="9" * 5_000),
+        "channels": flat.replace("CHANNELS 1", "CHANNELS 99999999999") % "" + frames_of("0"),
+        "name": "ROOT " + "a " * 1_000_000,
+        "line": flat % "" + frames_of("0 " * 4_000_000),
+    }[kind]
+    path = tmp_path / "bad.bvh"
+    path.write_text("HIERARCHY\n" + text)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"bad\.bvh") as raised:
+        read_bvh(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 300 * 2**20
+    assert len(str(raised.value)) < 400
+    path.write_text("HIERARCHY\n" + flat % joints + frames_of("0"))
+    with pytest.raises(ValueError, match="it has more than 10000 joints"):
+        read_bvh(path)
 
 
 def test_a_file_cut_anywhere_is_refused_and_never_misread(tmp_path):

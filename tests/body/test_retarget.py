@@ -3,10 +3,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from garment_jax.body.bvh import BvhClip, read_bvh
+from garment_jax.body.bvh import read_bvh
 from garment_jax.body.kinematics import joint_positions
-from garment_jax.body.retarget import cmu_joint_table, read_joint_table, retarget
+from garment_jax.body.retarget import joint_table, read_joint_table, retarget
 from garment_jax.body.root_frame import yaw_matrix
+from garment_jax.body.skeleton_track import SkeletonTrack
 from garment_jax.structs import RiggedBody
 from tests.reference.files import write_bvh
 from tests.reference.scene import make_body, make_motion, make_scene
@@ -32,10 +33,10 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(angle(np.swapaxes(a, -1, -2).astype(np.float64) @ b).max())
 
 
-def source(rest: np.ndarray, rotations: np.ndarray, root: np.ndarray, fps: float = 30.0) -> BvhClip:
+def source(rest: np.ndarray, rotations: np.ndarray, root: np.ndarray, fps: float = 30.0) -> SkeletonTrack:
     """A clip of the body's joints standing at `rest` `[j, 3]` in its rest pose."""
     offsets = rest - np.where(BODY.parents[:, None] >= 0, rest[BODY.parents], 0.0)
-    return BvhClip(NAMES, BODY.parents, offsets, rotations.astype(np.float64), root, 1 / fps)
+    return SkeletonTrack(NAMES, BODY.parents, offsets, rotations.astype(np.float64), root, 1 / fps)
 
 
 def t_pose(size: float = 100.0) -> np.ndarray:
@@ -131,7 +132,7 @@ def test_the_root_travels_in_leg_lengths_and_the_feet_stay_near_the_floor():
     assert np.median(lowest) == pytest.approx(float(BODY.joints[:, 1].min()), abs=1e-6)
 
 
-def spin(frames: int, fps: float) -> tuple[BvhClip, np.ndarray]:
+def spin(frames: int, fps: float) -> tuple[SkeletonTrack, np.ndarray]:
     """A body that turns by 1 rad/s and walks at 1 m/s; its rate and the time of its frames."""
     time = np.arange(frames) / fps
     root = np.stack([100 * time, np.full(frames, 83.0), 0 * time], axis=1)
@@ -165,21 +166,22 @@ def test_a_lying_header_is_overruled_and_a_rounded_one_does_not_drift():
 
 
 def test_both_sets_of_cmu_names_are_known():
-    own = cmu_joint_table(source(t_pose(), still(), np.zeros((1, 3))), BODY)
+    own = joint_table(source(t_pose(), still(), np.zeros((1, 3))), BODY)
     assert own == {name: name for name in NAMES}
     poser = ("hip", "abdomen", "chest", "neck", "head")
     poser += tuple(
         f"{s}{n}" for s in "lr" for n in ("Collar", "Shldr", "ForeArm", "Hand", "Thigh", "Shin", "Foot")
     )
-    clip = BvhClip(
-        poser, np.arange(-1, 18), np.zeros((19, 3)), np.zeros((1, 19, 3, 3)), np.zeros((1, 3)), 0.01
-    )
-    table = cmu_joint_table(clip, BODY)
+    parents = np.arange(-1, 18).astype(np.int32)
+    parents[[poser.index(n) for n in ("lCollar", "rCollar")]] = poser.index("chest")
+    parents[[poser.index(n) for n in ("lThigh", "rThigh")]] = 0
+    clip = SkeletonTrack(poser, parents, np.zeros((19, 3)), np.zeros((1, 19, 3, 3)), np.zeros((1, 3)), 0.01)
+    table = joint_table(clip, BODY)
     assert set(NAMES) - set(table) == {"LowerBack", "LeftToeBase", "RightToeBase"}
     assert sorted(table.values()) == sorted(poser)
     assert (table["LeftArm"], table["RightUpLeg"], table["Spine1"]) == ("lShldr", "rThigh", "chest")
     prefixed = clip._replace(joint_names=tuple(f"rig:{name.upper()}" for name in poser))
-    assert cmu_joint_table(prefixed, BODY)["LeftLeg"] == "rig:LSHIN"
+    assert joint_table(prefixed, BODY)["LeftLeg"] == "rig:LSHIN"
 
 
 def test_an_own_table_may_leave_joints_to_their_parents(tmp_path):
@@ -226,14 +228,23 @@ MIXED = {n: n.replace("Left", "_").replace("Right", "Left").replace("_", "Right"
         ),
         (CLIP, {"joints": {"Hips": "pelvis"}}, "the file has no joint 'pelvis'; it has Hips, LowerBack"),
         (CLIP, {"joints": {"Spine": "Spine"}}, "lacks the body's root 'Hips'; add its source"),
-        (CLIP, {"joints": {"Hips": "Hips", "Spine": "Spine"}}, "holds no leg .* give scale"),
+        (CLIP, {"joints": {"Hips": "Hips", "Spine": "Spine"}}, "holds no leg .* give --motion-unit cm"),
         (CLIP, {"joints": MIXED}, "check that the joint table does not mix left and right"),
-        (source(Z_UP, still(), np.zeros((1, 3))), {}, "rest pose does not stand Y up and face"),
-        (source(t_pose() * [-1, 1, -1], still(), np.zeros((1, 3))), {}, r"face \+Z with its left at \+X"),
         (
-            CLIP._replace(joint_names=("Pelvis", *NAMES[1:])),
+            source(Z_UP, still(), np.zeros((1, 3))),
+            {"up": "Y"},
+            "stands along Z, not along Y; give --motion-up Z",
+        ),
+        (
+            source(t_pose() * [1, 1, -1], still(), np.zeros((1, 3))),
             {},
-            "no source for Hips among the file's joints Pel",
+            "left and right are exchanged, knees and",
+        ),
+        (CLIP, {"rest_frame": 25}, "--rest-frame 25 is none of 25 frames; take 0 to 24"),
+        (
+            CLIP._replace(joint_names=tuple(n.replace("LeftArm", "Flipper") for n in NAMES)),
+            {},
+            'no source for LeftArm among the file\'s joints; fill in this table (.|\n)*LeftArm = ""',
         ),
         (CLIP, {"scale": 0.0}, r"scale = 0\.0 must be positive; 0\.01 for a file in cm"),
         (CLIP, {"scale": np.nan}, "scale = nan must be positive"),
