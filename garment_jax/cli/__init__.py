@@ -30,6 +30,7 @@ from garment_jax.cli import (
 from garment_jax.cli.leaving import INTERRUPTED, leave
 from garment_jax.cli.printable import show_safely
 
+LONGEST_SENTENCE = 4000  # characters; a table of joints takes fewer
 FAULT = 70  # of this package, as sysexits.h has it
 
 COMMANDS = (
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()  # the reader (head, less) has had enough; nothing is wrong
         return 0
     except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {shortened(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -68,6 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("error: this is a fault of garment-jax itself; please report the lines above.", file=sys.stderr)
         return FAULT
+
+
+def shortened(sentence: str) -> str:
+    """Return the sentence without the middle of what a damaged file put into it."""
+    half = LONGEST_SENTENCE // 2
+    return sentence if len(sentence) <= 2 * half else f"{sentence[:half]} ... {sentence[-half:]}"
 
 
 def program() -> NoReturn:

@@ -93,10 +93,16 @@ def _read(file: h5py.File, field: Field, where: str) -> np.ndarray:
 def find_assets(file: h5py.File, source: Path, attributes: dict, body: str | Path | None) -> Assets:
     """Return the files that belong to a clip, or raise FileNotFoundError with the place to put them.
 
+    Raises ValueError for a body outside that folder.
+
     `body` overrides the clip's own `body` attribute, which is followed from the folder above the clip's.
     The body's `collider.npz` is beside it, `pins.npz` beside the clip; both only if the clip had them.
     """
-    named = str(attributes.get("body", "avatar/avatar.npz"))
+    named = Path(str(attributes.get("body", "avatar/avatar.npz")))
+    if body is None and (
+        named.is_absolute() or ".." in named.parts
+    ):  # a stranger's clip names no other's file
+        raise ValueError(f"{source} names its body {str(named)!r}, elsewhere; name it with --body FILE.npz.")
     path = Path(body) if body is not None else source.parent.parent / named
     if not path.is_file():
         raise FileNotFoundError(f"{source}: its body {path} is not there; name it with --body FILE.npz.")

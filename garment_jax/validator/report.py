@@ -6,6 +6,8 @@ from garment_jax.intake.finding import SEVERITIES, Finding
 from garment_jax.validator.fixes import Fixed
 from garment_jax.validator.validate import Report
 
+_LONGEST = 1000  # characters of a value; damaged files bring texts of any length
+
 
 def format_report(report: Report, *, everything: bool = False) -> str:
     """Return one file's table: severity, check, what was measured and where, and what helps."""
@@ -52,7 +54,8 @@ def to_json(reports: list[Report], fixed: list[Fixed]) -> dict:
 def _row(finding: Finding, wide: int) -> str:
     place = f" [{finding.where}]" if finding.where else ""
     remedy = f"\n{'':{wide + 13}}-> {finding.remedy}" if finding.remedy else ""
-    return f"  {finding.severity:<8} {finding.check:<{wide}}  {finding.value}{place}{remedy}"
+    value = finding.value if len(finding.value) <= _LONGEST else f"{finding.value[:_LONGEST]} ..."
+    return f"  {finding.severity:<8} {finding.check:<{wide}}  {value}{place}{remedy}"
 
 
 def _counted(findings: list[Finding]) -> str:
