@@ -21,6 +21,7 @@ from garment_jax.rollout.model_folder import (
     FACTS,
     arrays_hash,
     check_replaceable,
+    check_sizes,
     check_together,
     shaping_of,
     was_interrupted,
@@ -29,6 +30,9 @@ from garment_jax.rollout.model_folder import (
 from garment_jax.structs import Motion, Scene
 
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
+
+
+_WRONG = (ValueError, KeyError, TypeError, AttributeError)  # what JSON of other values leads to
 
 
 class Model(NamedTuple):
@@ -181,11 +185,28 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
     with _damaged(folder):
         path = Path(folder) / "parameters.npz"
         arrays = read_npz(path, [name for name in npz_names(path) if not name.startswith(skipped)])
+        for name, array in arrays.items():
+            _check_numbers(name, array)
         statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
+        _check_statistics(statistics)
         described = facts["garment_hash"], facts["vertices"], facts["fps"], read_seen_body(facts.get("seen"))
-    # widened on the host: jax would compile a program for every shape
-    params = _unflatten({name: jnp.asarray(np.asarray(x, np.float32)) for name, x in arrays.items()})
+        # widened on the host: jax would compile a program for every shape
+        params = _unflatten({name: jnp.asarray(np.asarray(x, np.float32)) for name, x in arrays.items()})
     return Model(config, params, statistics, *described)
+
+
+def _check_numbers(name: str, array: np.ndarray) -> None:
+    if array.dtype.kind != "f":
+        raise ValueError(f"parameter {name} holds {array.dtype}, no real numbers")
+    if not np.isfinite(array).all():
+        raise ValueError(f"parameter {name} holds NaN or infinite values")
+
+
+def _check_statistics(statistics: Statistics) -> None:
+    for name, array in statistics._asdict().items():
+        wanted = statistics.motion_mean.shape if name.startswith("motion") else (3,)
+        if array.shape != wanted or array.ndim != 1:
+            raise ValueError(f"statistics/{name} has shape {array.shape}, not {wanted}")
 
 
 def model_facts(folder: str | Path) -> ModelFacts:
@@ -217,6 +238,7 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     with _damaged(folder):
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
         _check_facts(facts)
+        check_sizes(to_dict(config))
         check_together(facts, to_dict(config), folder / "parameters.npz")
         return config, facts
 
@@ -239,16 +261,24 @@ def _damaged(folder: str | Path) -> Iterator[None]:
     """Turn what reading a damaged file raises into one sentence."""
     try:
         yield
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:  # JSON of other values, too
+    except (*_WRONG, OSError, RecursionError, OverflowError) as error:
         raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
 
 
 def from_metadata(metadata: dict[str, Any], params: dict) -> Model:
     """Return the model that a checkpoint's metadata describe."""
-    statistics = Statistics(*(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields))
-    config = from_dict(metadata["config"], source="the checkpoint")
-    described = metadata["garment_hash"], metadata["vertices"], metadata["fps"]
-    return Model(config, params, statistics, *described, read_seen_body(metadata.get("seen")))
+    try:
+        statistics = Statistics(
+            *(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields)
+        )
+        _check_statistics(statistics)
+        config = from_dict(metadata["config"], source="the checkpoint")
+        described = metadata["garment_hash"], metadata["vertices"], metadata["fps"]
+        return Model(config, params, statistics, *described, read_seen_body(metadata.get("seen")))
+    except _WRONG as error:
+        raise ValueError(
+            f"the checkpoint's description is damaged ({error}); delete it to go on from the one before."
+        ) from error
 
 
 def _flatten(tree: dict, prefix: str = "") -> dict[str, Any]:

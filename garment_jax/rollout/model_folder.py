@@ -27,6 +27,7 @@ SHAPING = {
     "detail": ("features", "code_features", "hidden", "vertex_code"),
     "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
 }
+LARGEST_SIZE = 8192  # of a layer, a map's side, a count; the largest of any model is 2048
 _REPLACED = f"{FACTS}.replaced"  # the old facts while the other files change
 
 
@@ -60,6 +61,15 @@ def check_replaceable(folder: Path, garment_hash: str) -> None:
 def shaping_of(config: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return what shapes the networks, of a configuration as `to_dict` has it."""
     return {name: {key: config[name][key] for key in keys} for name, keys in SHAPING.items()}
+
+
+def check_sizes(config: Mapping[str, Any]) -> None:
+    """Raise `ValueError` where the configuration asks for networks of sizes that none has."""
+    for name, keys in shaping_of(config).items():
+        for key, value in keys.items():
+            for size in value if isinstance(value, list | tuple) else [value]:
+                if isinstance(size, int) and size > LARGEST_SIZE:
+                    raise ValueError(f"config.toml has {name}.{key} = {size}, above {LARGEST_SIZE}")
 
 
 def arrays_hash(shapes: Mapping[str, tuple[int, ...]]) -> str:

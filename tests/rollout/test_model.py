@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -15,7 +16,7 @@ from garment_jax.structs import Scene
 from garment_jax.swing.tables import seen_body
 from tests.reference.scene import make_scene
 from tests.reference.tiny_swing import swinging_model
-from tests.rollout.tiny_model import SCENE, tiny_model
+from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
 
 def test_32_bits_come_back_bit_for_bit(tmp_path: Path):
@@ -59,7 +60,7 @@ def test_a_full_disk_leaves_no_part_of_a_model(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(module.np, "savez_compressed", full)
     with pytest.raises(OSError, match=r"could not be written \(No space left on device\); free some space"):
         save_model(tiny_model(), tmp_path / "model")
-    assert list((tmp_path / "model").iterdir()) == []
+    assert not (tmp_path / "model").exists()
 
 
 def test_a_folder_without_a_model_is_refused(tmp_path: Path):
@@ -196,3 +197,58 @@ def test_facts_that_are_no_facts_are_damage(tmp_path: Path, text: str):
     for read in (load_model, module.model_facts):
         with pytest.raises(ValueError, match=r"model holds a damaged model \(.*copy or save it again"):
             read(folder)
+
+
+def _changed(folder: Path, name: str, array: np.ndarray) -> None:
+    path = folder / "parameters.npz"
+    arrays = dict(np.load(path)) | {name: array}
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ("array", "sentence"),
+    [
+        (np.zeros(8, [("a", "f4"), ("b", "i8")]), "holds .*, no real numbers"),
+        (np.zeros(8, complex), "holds complex128, no real numbers"),
+        (np.array(["x"] * 8), "holds <U1, no real numbers"),
+        (np.full(8, np.nan, np.float16), "holds NaN or infinite values"),
+    ],
+)
+def test_parameters_that_are_no_numbers_are_refused_when_they_are_loaded(tmp_path: Path, array, sentence):
+    save_model(tiny_model(), tmp_path)
+    with np.load(tmp_path / "parameters.npz") as stored:
+        name = next(name for name in stored if stored[name].shape == (8,))
+    _changed(tmp_path, name, array)
+    with pytest.raises(ValueError, match=rf"damaged model \(parameter {name} {sentence}\); copy"):
+        load_model(tmp_path)
+
+
+def test_statistics_of_another_shape_are_refused(tmp_path: Path):
+    save_model(tiny_model(), tmp_path)
+    facts = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "model.json").write_text(json.dumps({k: v for k, v in facts.items() if k != "arrays"}))
+    _changed(tmp_path, "statistics/map_std", np.ones((2, 3), np.float32))
+    with pytest.raises(ValueError, match=r"\(statistics/map_std has shape \(2, 3\), not \(3,\)\)"):
+        load_model(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "sentence"),
+    [
+        ("model.json", "[" * 100_000, "holds a damaged model"),
+        ("config.toml", "x = " + "[" * 100_000, "is not valid TOML"),
+        ("config.toml", "[generative]\nlatent_dim = 1000000000000\n", "latent_dim = 1000000000000"),
+    ],
+)
+def test_deep_nesting_and_absurd_sizes_are_one_sentence(tmp_path: Path, file: str, text: str, sentence: str):
+    save_model(tiny_model(), tmp_path)
+    (tmp_path / file).write_text(text)
+    with pytest.raises(ValueError, match=sentence):
+        load_model(tmp_path)
+
+
+def test_sizes_are_bounded_where_facts_and_configuration_agree(tmp_path: Path):
+    absurd = replace(CONFIG, uv=replace(CONFIG.uv, size=2**20))
+    save_model(tiny_model()._replace(config=absurd), tmp_path)
+    with pytest.raises(ValueError, match=r"config\.toml has uv\.size = 1048576, above 8192\); copy or save"):
+        load_model(tmp_path)
