@@ -6,6 +6,7 @@ and what leaves the file or asks for more than the file can hold ends in a sente
 """
 
 import math
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ from h5py import h5a, h5d, h5g, h5l, h5o, h5s, h5t, h5z  # pyright: ignore[repor
 from garment_jax.data.guarded_file import uninterrupted
 
 FRAMES = ("vertices", "vertices_delta")  # read by windows, all others whole
+_HEAP = b"GCOL\x01"  # how a global heap begins
 _LONGEST_PIECE = 4 * 2**20  # bytes of names, links, attributes or text that lie together
 _MOST_OBJECTS, _DEEPEST, _LONGEST_NAME = 4096, 8, 255  # this package's files have 20, 2 levels and 24
 _MOST_ATTRIBUTES, _LARGEST_ATTRIBUTE, _MOST_TEXTS = 256, 2**16, 64
@@ -73,7 +75,22 @@ class _Pieces:
         view = memoryview(buffer).cast("B")
         if len(view) > _LONGEST_PIECE:
             raise _Refused(f"holds names or text of {len(view) / 2**20:.0f} MB in one piece")
-        return self.file.readinto(view) or 0
+        begin = self.file.tell()
+        count = self.file.readinto(view) or 0
+        self._check_heaps(bytes(view[:count]), begin)
+        self.file.seek(begin + count)
+        return count
+
+    def _check_heaps(self, piece: bytes, begin: int) -> None:
+        """Refuse heaps of text whose entries do not end: HDF5 2.0 reads one of no bytes again and again."""
+        at = piece.find(_HEAP)
+        while at >= 0:
+            self.file.seek(begin + at)
+            size = struct.unpack("<8xQ", self.file.read(16).ljust(16, b"\0"))[0]
+            if size <= _LONGEST_PIECE:
+                self.file.seek(begin + at)
+                _check_heap(self.file.read(size))
+            at = piece.find(_HEAP, at + 1)
 
     def read(self, size: int = -1) -> bytes:
         return self.file.read(min(size, _LONGEST_PIECE) if size >= 0 else _LONGEST_PIECE) or b""
@@ -92,6 +109,17 @@ class _Pieces:
 
     def flush(self) -> None:
         """Nothing is written here."""
+
+
+def _check_heap(heap: bytes) -> None:
+    """Walk a global heap as HDF5 does: number, count, bytes, to which only free space adds the head."""
+    at = 16
+    while at + 16 <= len(heap):
+        number, size = struct.unpack_from("<H6xQ", heap, at)
+        step = size if number == 0 else 16 + (size + 7) // 8 * 8
+        if step < 16 or at + step > len(heap):
+            raise OSError("a heap's entry has no end")
+        at += step
 
 
 @contextmanager

@@ -131,3 +131,20 @@ def test_a_long_name_takes_no_memory(tmp_path: Path) -> None:
     exit_code, peak = map(int, done.stdout.split())
     assert exit_code == 2
     assert peak * 1024 < 500e6
+
+
+def test_a_heap_without_end_is_damage(tmp_path: Path) -> None:
+    """HDF5 2.0 waits for ever where free space in a heap of text has no bytes."""
+    clip = write_clip(tmp_path / "clip.h5", 2)
+    data = bytearray(clip.read_bytes())
+    heap = data.find(b"GCOL\x01")
+    at, size = heap + 16, int.from_bytes(data[heap + 8 : heap + 16], "little")
+    while int.from_bytes(data[at : at + 2], "little"):  # to the free space at the end
+        at += 16 + (int.from_bytes(data[at + 8 : at + 16], "little") + 7) // 8 * 8
+    assert at < heap + size
+    data[at + 8 : at + 16] = bytes(8)
+    clip.write_bytes(data)
+    with pytest.raises(
+        OSError, match=r"clip\.h5 is damaged or no HDF5 file; copy, import or predict it again"
+    ):
+        open_hdf5(clip)
