@@ -18,6 +18,7 @@ from garment_jax.structs import Garment, Motion, RiggedBody, Scene
 
 SMALLEST, LARGEST = 0.05, 5.0  # metres: extents of a garment or a body that wears it
 STILL = 1e-4  # metres (and radians): movement below this is none
+FARTHEST = 1e9  # of a coordinate in any unit: a number beyond is damage, and its square overflows
 FASTEST = 30.0  # metres per second; the fastest sprinters reach 12
 
 

@@ -127,10 +127,7 @@ def _guarded(path: str | Path, read: Callable[[GltfFile], Any]) -> Any:
     try:
         return read(open_gltf(path))
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError) as error:
-        raise ValueError(
-            f"{path} does not have glTF's structure ({type(error).__name__}: "
-            f"{str(error)[:80]}); export it again."
-        ) from error
+        raise ValueError(f"{path} does not have glTF's structure; export it again.") from error
 
 
 def _grid(file: GltfFile, channels: list[Channel], fps: float, joints: int) -> np.ndarray:

@@ -13,6 +13,9 @@ LARGEST_ARRAYS = 2 * 2**30  # bytes of the arrays that are read of one file
 LARGEST_TEXT = 256 * 2**20  # bytes of a text that is read whole: an hour of motion capture
 LONGEST_NUMBER = 64  # characters; what is longer was not written as a number
 _DENSEST = 100  # unpacked bytes per packed byte; motion and meshes reach 3, zeros 1,000
+_DENSEST_ARCHIVE = (
+    16  # the same of an archive: what it unpacks to is in memory before it is known to be wrong
+)
 _HARMLESS = 64 * 2**20  # unpacked bytes that are too few for a bomb, however dense
 _DIRECTORY = 4 * 2**20  # bytes of an archive's directory: tens of thousands of members
 _END, _LOCATOR, _END_64 = b"PK\x05\x06", b"PK\x06\x07", b"PK\x06\x06"
@@ -76,7 +79,7 @@ def check_members(
         raise ValueError(
             f"{path}: its members claim more bytes than the file has; it is damaged or a zip bomb."
         )
-    if unpacked > largest or unpacked > max(_HARMLESS, _DENSEST * packed):
+    if unpacked > largest or unpacked > max(_HARMLESS, _DENSEST_ARCHIVE * packed):
         raise ValueError(
             f"{path} would unpack from {_amount(packed)} to {_amount(unpacked)}, as zip bombs do; save its "
             "arrays again without compression."

@@ -1,6 +1,7 @@
 """Archives of plain arrays (.npz): names, shapes and arrays, nothing believed that the bytes do not hold."""
 
 import errno
+import struct
 import tokenize
 import zipfile
 import zlib
@@ -32,6 +33,8 @@ _BROKEN = (
     OverflowError,
     NotImplementedError,
     RuntimeError,
+    UnicodeError,
+    struct.error,
 )
 
 
@@ -113,6 +116,10 @@ def _read(
 ) -> np.ndarray:
     with cast(zipfile.ZipExtFile, archive.open(member)) as file:
         header = _header(file)
+        if header.dtype.subdtype is not None:
+            raise ValueError(
+                f"{path}: array {name!r} is an array of arrays; store it as plain numbers or text."
+            )
         if header.dtype.hasobject:
             raise ValueError(
                 f"{path}: array {name!r} holds pickled Python objects, which are not read; store it as plain "

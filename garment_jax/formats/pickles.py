@@ -9,6 +9,7 @@ believed only where that many bytes follow.
 import codecs
 import mmap
 import pickletools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,10 @@ def load_pickle(path: str | Path, *, largest: int = LARGEST) -> Any:
         with path.open("rb") as raw:
             if not size:
                 raise EOFError
-            with mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as file:
+            with mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as file, warnings.catch_warnings():
+                warnings.simplefilter(
+                    "ignore"
+                )  # Python's own, about escapes in text that nobody wrote as code
                 return _Machine(file, size).run()
     except Refused as error:
         raise ValueError(

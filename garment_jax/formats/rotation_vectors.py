@@ -8,6 +8,8 @@ import numpy as np
 from garment_jax.formats.number_arrays import number_array
 from garment_jax.formats.smpl import JOINT_NAMES
 
+_FARTHEST = 1e9  # of a number in radians, or in any unit of length
+
 
 class SmplMotion(NamedTuple):
     """A motion of the SMPL family in its file's own unit and axes.
@@ -56,10 +58,15 @@ def check_numbers(array: Any, name: str, path: Path) -> np.ndarray:
     array = np.array(number_array(array, name, path), np.float64)
     if not array.size:
         raise ValueError(f"{path}: {name!r} has shape {array.shape}; there is nothing in it.")
-    bad = ~np.isfinite(array)
+    bad = ~(np.abs(array) < _FARTHEST)  # nor NaN
     if bad.any():
-        where = f" in frame {np.argwhere(bad)[0][0]}; cut that part out of the clip" if array.ndim else ""
-        raise ValueError(f"{path}: {name!r} is not finite{where or '; give its true value'}.")
+        first = np.argwhere(bad)[0] if array.ndim else ()
+        value = array[tuple(first)]
+        what = "not finite" if not np.isfinite(value) else f"{value:.3g}, as no motion is"
+        where = (
+            f" in frame {first[0]}; cut that part out of the clip" if array.ndim else "; give its true value"
+        )
+        raise ValueError(f"{path}: {name!r} is {what}{where}.")
     return array
 
 

@@ -14,6 +14,7 @@ from garment_jax.formats.number_arrays import is_index, number_array
 from garment_jax.formats.pickles import load_pickle
 
 ARRAYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
+_FARTHEST = 1e9  # of a number, in any unit of length
 _BODY = (
     *("pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle"),
     *("right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head"),
@@ -144,8 +145,8 @@ def _floats(arrays: dict[str, Any], name: str, shape: tuple[int | str, ...], pat
     sizes = zip(found, shape, strict=False)
     if len(found) != len(shape) or any(n != want if isinstance(want, int) else n == 0 for n, want in sizes):
         raise ValueError(f"{path}: {name!r} has shape {found}, expected {_spell(shape)}.")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{path}: {name!r} is not finite; copy the model again.")
+    if not (np.abs(array) < _FARTHEST).all():  # nor NaN
+        raise ValueError(f"{path}: {name!r} is not finite, or beyond {_FARTHEST:g}; copy the model again.")
     return array.astype(np.float64)
 
 

@@ -42,5 +42,7 @@ def read_virtual_bones(path: str | Path) -> VirtualBonesClip:
         raise ValueError(
             f"{path}: 'sim_res' has shape {vertices.shape}; the poses ask for [{len(poses)}, n, 3]."
         )
+    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and found with the rest
+        vertices = vertices.astype(np.float32, copy=False)
     motion = SmplMotion(poses, translation, None, None, None, "Z")
-    return VirtualBonesClip(motion, vertices.astype(np.float32, copy=False))
+    return VirtualBonesClip(motion, vertices)

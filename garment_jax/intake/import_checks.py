@@ -5,7 +5,7 @@ from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.data.sequence_writer import INT16_REACH
-from garment_jax.data.validation import STILL, check_motion, check_scene
+from garment_jax.data.validation import FARTHEST, STILL, check_motion, check_scene
 from garment_jax.intake.sources import ForeignClip
 
 WINDOW = 64  # frames in memory at once
@@ -20,7 +20,7 @@ def check_clip(clip: ForeignClip, where: str) -> None:
         return
     first = next(clip.windows(1))[0]
     body = pose_body(clip.scene.body, clip.motion, slice(0, 1))[0]
-    apart = float(np.median(KDTree(body).query(first)[0])) if np.isfinite(first).all() else 0.0
+    apart = float(np.median(KDTree(body).query(first)[0])) if (np.abs(first) < FARTHEST).all() else 0.0
     if apart > _APART:
         raise ValueError(
             f"{where}: in frame 0 the garment is {apart:.2f} m from the body; give the units and up "
@@ -49,7 +49,7 @@ def choose_encoding(clip: ForeignClip, where: str) -> str:
 
 
 def _check_finite(V: np.ndarray, start: int, where: str) -> None:
-    bad = ~np.isfinite(V).all(axis=2)
+    bad = ~(np.abs(V) < FARTHEST).all(axis=2)  # nor NaN
     if bad.any():
         frame, vertex = np.argwhere(bad)[0]
         raise ValueError(

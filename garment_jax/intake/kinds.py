@@ -2,10 +2,10 @@
 
 import mmap
 import re
-import struct
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+
+from garment_jax.formats.npz import npz_names
 
 KINDS = ("packed", "vto", "virtualbones", "meshes", "motion")
 CACHES = (".pc2", ".mdd", ".usd", ".usda", ".usdc", ".usdz", ".abc")
@@ -111,7 +111,7 @@ def _kind_of_file(path: Path) -> str | None:
     if suffix == ".pkl":
         return "vto" if _holds(path, b"vertices") else "motion"
     if suffix == ".npz":
-        return "virtualbones" if "sim_res.npy" in _members(path) else "motion"
+        return "virtualbones" if "sim_res" in _members(path) else "motion"
     if suffix in CACHES:
         return "meshes"
     return "motion" if suffix in MOTIONS else None
@@ -137,13 +137,12 @@ def _holds(path: Path, word: bytes) -> bool:
         return data.find(word) >= 0
 
 
-def _members(path: Path) -> list[str]:
+def _members(path: Path) -> tuple[str, ...]:
     """Return the names in an archive, none for a damaged one: its reader says what is wrong."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except (zipfile.BadZipFile, NotImplementedError, OSError, ValueError, struct.error):
-        return []
+        return npz_names(path)
+    except (OSError, ValueError):
+        return ()
 
 
 def _check_there(path: Path) -> None:

@@ -210,7 +210,8 @@ def _smpl_archive(path: Path) -> tuple[SmplMotion, float]:
         return read_amass(path), 0.0
     if is_virtual_bones(path):
         clip = read_virtual_bones(path)
-        return clip.motion, float(np.ptp(clip.vertices[0], axis=0).max())
+        first = clip.vertices[0][np.isfinite(clip.vertices[0]).all(axis=1)]
+        return clip.motion, float(np.ptp(first, axis=0).max()) if len(first) else 0.0
     raise ValueError(
         f"{path} is no motion: it holds {', '.join(npz_names(path))[:200] or 'nothing'}; AMASS has poses and "
         "trans, VirtualBones pose, trans and sim_res."

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from garment_jax.body.retarget import read_joint_table
+from garment_jax.data.validation import FARTHEST
 from garment_jax.intake.bodies import LoadedBody, place_template, read_any_body
 from garment_jax.intake.garment_mesh import load_garment
 from garment_jax.intake.kinds import CACHES, in_order
@@ -29,7 +30,9 @@ class Place(NamedTuple):
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Return `points` `[..., 3]` in metres, Y up, float32."""
-        return to_metres_y_up(np.asarray(points, np.float32), self.metres, self.up)
+        with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and refused as such
+            points = np.asarray(points, np.float32)
+        return to_metres_y_up(points, self.metres, self.up)
 
 
 def settle_place(
@@ -46,10 +49,11 @@ def settle_place(
     Where neither says it: metres, for what is then as large as a garment, and Y up; the notes say so.
     Raises `ValueError` for points that are not finite, and for another size whose unit nobody says.
     """
-    bad = ~np.isfinite(points).all(axis=1)
+    bad = ~(np.abs(points) < FARTHEST).all(axis=1)  # nor NaN
     if bad.any():
+        first = int(bad.argmax())
         raise ValueError(
-            f"{path}: vertex {int(bad.argmax())} of its first frame is not finite; export it again."
+            f"{path}: vertex {first} of its first frame is {points[first].tolist()}; export it again."
         )
     extent = float(np.ptp(points, axis=0).max())
     settled = settle_unit(unit, options.unit.get(part), extent, str(path), f"--{part}-unit")

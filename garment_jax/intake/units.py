@@ -43,7 +43,8 @@ def to_metres_y_up(points: np.ndarray, unit: float | str, up: str) -> np.ndarray
 
     With Z up, (x, y, z) becomes (x, z, -y).
     """
-    turned = points * np.asarray(metres_per_unit(unit), points.dtype)
+    with np.errstate(over="ignore"):  # what a type cannot hold is infinite, and refused as such
+        turned = points * np.asarray(metres_per_unit(unit), points.dtype)
     if turn_to_y_up(up) is Z_TO_Y:
         turned = np.stack([turned[..., 0], turned[..., 2], -turned[..., 1]], axis=-1)
     return turned

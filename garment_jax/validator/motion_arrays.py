@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from garment_jax.data.validation import FARTHEST
 from garment_jax.formats.number_arrays import is_index, number_array
 from garment_jax.intake.finding import Finding, refusal, worst
 from garment_jax.intake.motions import read_smpl_motion
@@ -47,6 +48,8 @@ def _usable(name: str, value: Any, path: Path) -> dict[str, np.ndarray]:
         array = number_array(value, name, path)
     except ValueError:
         return {}
+    if array.dtype.kind == "f":
+        array = np.where(np.abs(array) < FARTHEST, array, np.nan)  # named with what is not finite
     if name in _POSES:
         good = array.ndim in (2, 3) and array.size > 0
     elif name in _POINTS:

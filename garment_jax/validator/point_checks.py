@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from garment_jax.data.validation import FARTHEST
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.finding import Finding
 from garment_jax.validator.body_checks import LARGEST, SMALLEST
@@ -40,7 +41,9 @@ def check_points(
         ]
     if template is not None and len(template) != n:
         return [_other_count(n, len(template))]
-    size = float(np.nanmax(np.ptp(vertices[0:1][0], axis=0)))
+    start = _sound(vertices[0:1])[0]
+    start = start[np.isfinite(start).all(axis=1)]
+    size = float(np.ptp(start, axis=0).max()) if len(start) else 0.0
     scale, found = _unit(size, unit)
     bad, first, step, movement = _pass(vertices)
     found.append(_finite(bad, first))
@@ -95,7 +98,7 @@ def _pass(vertices: Any) -> tuple[np.ndarray, tuple[int, int], np.ndarray, float
     bad, first, step = np.zeros(frames, bool), (-1, -1), np.zeros(max(frames - 1, 0))
     low, high, last = np.array(np.inf), np.array(-np.inf), None
     for start in range(0, frames, WINDOW):
-        V = np.asarray(vertices[start : start + WINDOW], np.float32)
+        V = _sound(vertices[start : start + WINDOW])
         good = np.asarray(np.isfinite(V).all(axis=2))
         bad[start : start + len(V)] = ~good.all(axis=1)
         if first[0] < 0 and not good.all():
@@ -114,13 +117,20 @@ def _pass(vertices: Any) -> tuple[np.ndarray, tuple[int, int], np.ndarray, float
     return bad, first, step, float(np.max(high - low)) if np.ndim(low) else 0.0
 
 
+def _sound(vertices: Any) -> np.ndarray:
+    """Return vertices as float32, NaN where they are farther away than anything is in any unit."""
+    with np.errstate(over="ignore"):
+        V = np.asarray(vertices, np.float32)
+    return np.where(np.abs(V) < FARTHEST, V, np.float32(np.nan))
+
+
 def _finite(bad: np.ndarray, first: tuple[int, int]) -> Finding:
     if not bad.any():
         return Finding("NaN", "ok", "all finite")
     return Finding(
         "NaN",
         "error",
-        f"{int(bad.sum())} frames hold values that are not finite",
+        f"{int(bad.sum())} frames hold values that are not finite, or beyond {FARTHEST:g}",
         f"frame {first[0]}, vertex {first[1]}",
         "cut the clip before that frame, or export it again",
     )

@@ -75,7 +75,7 @@ BROKEN: dict[str, tuple[dict, str]] = {
     "weights of 0.5": ({"weights": ARRAYS["weights"] / 2}, r"a row of 'weights' sums to 0\.5, not 1"),
     "not finite": (
         {"v_template": ARRAYS["v_template"] * np.nan},
-        "'v_template' is not finite; copy the model",
+        "'v_template' is not finite, or beyond .*; copy the model",
     ),
     "text": ({"v_template": np.array(["a"])}, "'v_template' is of type <U1, not an array of numbers"),
     "faces of another mesh": ({"f": ARRAYS["f"] + 90}, r"'f' must be triangles \[g, 3\] of the 96 vertices"),

@@ -364,3 +364,33 @@ def test_shared_clips_have_no_alarm(shared_data: Path):
     assert {finding.severity for finding in report.findings} == {"ok"}
     report = validate_file(shared_data / "motion" / "martial_09.bvh")
     assert [f.check for f in report.findings if f.severity != "ok"] == ["rest pose"]
+
+
+POSE = np.zeros((9, 72))
+ODD = {
+    "infinite": {"poses": POSE * np.inf},
+    "far": {"poses": POSE + 1e38},
+    "dates": {"poses": np.full((9, 72), "2020", "M8[Y]")},
+    "structures": {"trans": np.zeros((9, 3), [("x", "f4")])},
+    "complex": {"trans": np.zeros((9, 3), complex)},
+    "a scalar": {"poses": np.array(3.0)},
+    "empty": {"trans": np.zeros((0, 3))},
+    "two numbers": {"trans": np.zeros((9, 2))},
+    "an infinite rate": {"mocap_framerate": np.array(np.inf)},
+    "no rate": {"mocap_framerate": np.zeros(0)},
+    "a rate of text": {"mocap_framerate": np.array("fast")},
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+@pytest.mark.parametrize("kind", ["npz", "pkl"])
+def test_odd_arrays_are_findings(tmp_path: Path, case: str, kind: str):
+    content = {"poses": POSE, "trans": np.zeros((9, 3)), "mocap_framerate": np.array(30.0)} | ODD[case]
+    path = tmp_path / f"a.{kind}"
+    if kind == "npz":
+        np.savez(path, **content)
+    else:
+        path.write_bytes(pickle.dumps(content, 2))
+    found = validate_file(path).findings
+    assert any(finding.severity == "error" for finding in found)
+    assert not any("array elements" in finding.value or "could not" in finding.value for finding in found)
