@@ -60,12 +60,10 @@ def check_numbers(array: Any, name: str, path: Path) -> np.ndarray:
         raise ValueError(f"{path}: {name!r} has shape {array.shape}; there is nothing in it.")
     bad = ~(np.abs(array) < _FARTHEST)  # nor NaN
     if bad.any():
-        first = np.argwhere(bad)[0] if array.ndim else ()
-        value = array[tuple(first)]
-        what = "not finite" if not np.isfinite(value) else f"{value:.3g}, as no motion is"
-        where = (
-            f" in frame {first[0]}; cut that part out of the clip" if array.ndim else "; give its true value"
-        )
+        value, where = array.flat[int(bad.argmax())], "; copy it again"
+        if array.ndim:
+            where = f" in frame {np.argwhere(bad)[0][0]}; cut that part out of the clip"
+        what = f"{value:.3g}, as no motion is" if np.isfinite(value) else "not finite"
         raise ValueError(f"{path}: {name!r} is {what}{where}.")
     return array
 

@@ -368,7 +368,7 @@ def test_shared_clips_have_no_alarm(shared_data: Path):
 
 POSE = np.zeros((9, 72))
 ODD = {
-    "infinite": {"poses": POSE * np.inf},
+    "infinite": {"poses": np.full((9, 72), np.inf)},
     "far": {"poses": POSE + 1e38},
     "dates": {"poses": np.full((9, 72), "2020", "M8[Y]")},
     "structures": {"trans": np.zeros((9, 3), [("x", "f4")])},
