@@ -77,6 +77,8 @@ def alignments(
             )
             across = _local_mean(rotations[:, source], (rotations[:, sources[above]] @ C[above])[..., 0])
             C[j] = _frame(along, across) @ _frame(toe, np.array([1.0, 0.0, 0.0])).T
+        elif sources[above] < 0:
+            C[j] = C[above]
         else:
             C[j] = _as_above(rotations, int(source), int(sources[above]), C[above])
             C[j] = _snapped(C[j]) if role.endswith("Shoulder") else C[j]

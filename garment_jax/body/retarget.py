@@ -139,14 +139,36 @@ def retarget(
     rate = source_rate(track) if source_fps is None else source_fps
     first, part = sample_times(len(track.root), fps, rate, skip)
     rotations = _target_rotations(track, sources, found, body, first, part)
-    path = world_positions(track)[:, sources[0]] if sources[0] else track.root.astype(np.float64)
-    root = scale * between(path, first, part) @ found.W.T
+    root = _root_path(track, body, sources, scale, found, rotations, first, part)
     if centre:
         root[:, [0, 2]] -= root[0, [0, 2]]
     if floor:
         lowest = joint_positions(rotations, root, body)[..., 1].min(axis=1)
         root[:, 1] += body.joints[:, 1].min() - np.median(lowest)
     return Motion(rotations.astype(np.float32), root, float(fps))
+
+
+def _root_path(
+    track: SkeletonTrack,
+    body: RiggedBody,
+    sources: np.ndarray,
+    scale: float,
+    found: Alignment,
+    rotations: np.ndarray,
+    first: np.ndarray,
+    part: np.ndarray,
+) -> np.ndarray:
+    """Return joint 0's path `[t, 3]`, metres: where the hips are as far along as the file's, times `scale`.
+
+    Of a body whose hips hang below its root, the root goes where its hips then are where they should be.
+    """
+    hips = _body_roles(track, body, sources).get("Hips", 0)
+    hips = hips if sources[hips] >= 0 else 0
+    path = world_positions(track)[:, sources[hips]] if sources[hips] else track.root.astype(np.float64)
+    root = scale * between(path, first, part) @ found.W.T
+    if hips:
+        root -= joint_positions(rotations, np.zeros_like(root), body)[:, hips]
+    return root
 
 
 def align(
@@ -274,7 +296,8 @@ def _source_indices(table: dict[str, str], track: SkeletonTrack, body: RiggedBod
     unknown = [name for name in table.values() if name not in track.joint_names]
     if unknown:
         raise ValueError(f"the file has no joint {unknown[0]!r}; it has {', '.join(track.joint_names)}.")
-    if body.joint_names[0] not in table:
+    hips = body.joint_names[roles_of(body.joint_names, body.parents).get("Hips", 0)]
+    if body.joint_names[0] not in table and hips not in table:
         raise ValueError(f"the joint table lacks the body's root {body.joint_names[0]!r}; add its source.")
     return np.array([track.joint_names.index(table[n]) if n in table else -1 for n in body.joint_names])
 
@@ -363,8 +386,8 @@ def _target_rotations(
 ) -> np.ndarray:
     rotations = np.zeros((len(first), len(sources), 3, 3))
     for j, source in enumerate(sources):
-        if source < 0:
-            rotations[:, j] = rotations[:, body.parents[j]]
+        if source < 0:  # a root without a source, above the hips, stays as it is
+            rotations[:, j] = rotations[:, body.parents[j]] if j else np.eye(3)
             continue
         R = slerp(track.rotations[:, source].astype(np.float64), first, part)
         rotations[:, j] = found.W @ R @ found.C[j]

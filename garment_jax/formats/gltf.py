@@ -4,12 +4,14 @@ Both are in glTF's world: metres, Y up, as the armature's own transform places t
 cm put a scale of 0.01 there, of rigs with Z up a quarter turn).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.joint_names import roles_of
 from garment_jax.formats.gltf_animation import Channel, find_animation, local_matrices, read_channels
 from garment_jax.formats.gltf_bare_rig import joints_of_body, read_bare_skeleton
 from garment_jax.formats.gltf_container import GltfFile, count_of, open_gltf
@@ -43,6 +45,7 @@ class GltfAnimation(NamedTuple):
     parents: np.ndarray  # [j] int32, -1 for the root
     rest: np.ndarray  # [j, 3] float64 world positions of the joints in the rest pose
     notes: tuple[str, ...]  # what was chosen, a phrase each
+    moved: Mapping[int, np.ndarray] = MappingProxyType({})  # joint above the hips, or they -> offset [t, 3]
 
 
 def holds_motion_alone(path: str | Path) -> bool:
@@ -109,15 +112,18 @@ def read_animation(
         channels = read_channels(file, index, set(order))
         times = _grid(file, channels, fps, len(order))
         rotations = np.empty((len(times), len(found.joints), 3, 3), np.float32)
-        places = np.empty((len(times), 3))
+        free = _above_hips(found)
+        places = np.empty((len(times), len(free), 3))
         size = max(1, _WINDOW // len(order))
         for start in range(0, len(times), size):
             window = slice(start, start + size)
             local = local_matrices(channels, found.nodes, order, times[window])
             world = world_matrices(local, found.nodes.parents, order)
-            rotations[window], places[window] = _motion(file, found, carries, world)
+            rotations[window], places[window] = _motion(file, found, carries, free, world)
         rest = found.bind[:, :3, 3]
-        return GltfAnimation(rotations, places, float(fps), found.names, found.parents, rest, found.notes)
+        moved = _moved(free, found, rotations, places)
+        root, names, parents = places[:, 0], found.names, found.parents
+        return GltfAnimation(rotations, root, float(fps), names, parents, rest, found.notes, moved)
 
     return _guarded(path, read)
 
@@ -151,9 +157,9 @@ def _read_body(file: GltfFile, choice: Choice) -> tuple[Skeleton, SkinnedMesh]:
 
 
 def _motion(
-    file: GltfFile, skeleton: Skeleton, carries: np.ndarray, world: dict[int, np.ndarray]
+    file: GltfFile, skeleton: Skeleton, carries: np.ndarray, free: list[int], world: dict[int, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations `[t, j, 3, 3]` from the bind pose and joint 0's place `[t, 3]`.
+    """Return rotations `[t, j, 3, 3]` from the bind pose and the places `[t, k, 3]` of the `free` joints.
 
     Joints that carry no vertex (`carries` `[j]`), such as controls, may do as they like.
     """
@@ -167,8 +173,32 @@ def _motion(
             "rotations only, remove its scale keys."
         )
     R = U @ Vt
-    _check_stretch(file, skeleton, carries, R, G[..., :3, 3])
-    return R, G[:, 0, :3, 3]
+    bound = carries.copy()
+    bound[free] = False
+    _check_stretch(file, skeleton, bound, R, G[..., :3, 3])
+    return R, G[:, free][..., :3, 3]
+
+
+def _above_hips(skeleton: Skeleton) -> list[int]:
+    """Return the joints from joint 0 to the hips: whatever moves these moves the body."""
+    chain, j = [], roles_of(skeleton.names, skeleton.parents).get("Hips", 0)
+    while j > 0:
+        chain.append(j)
+        j = int(skeleton.parents[j])
+    return [0, *chain[::-1]]
+
+
+def _moved(
+    free: list[int], skeleton: Skeleton, rotations: np.ndarray, places: np.ndarray
+) -> dict[int, np.ndarray]:
+    """Return the offsets `[t, 3]`, in the rest pose's axes, of the joints that leave their bones."""
+    rest, found = skeleton.bind[:, :3, 3], {}
+    for k, j in enumerate(free[1:], 1):
+        R = rotations[:, free[k - 1]].astype(np.float64)
+        offset = np.einsum("tij,ti->tj", R, places[:, k] - places[:, k - 1])
+        if np.abs(offset - (rest[j] - rest[free[k - 1]])).max() > 1e-4 * np.ptp(rest, axis=0).max():
+            found[j] = offset
+    return found
 
 
 def _check_stretch(

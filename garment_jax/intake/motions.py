@@ -169,7 +169,7 @@ def _gltf(
     )
     return (
         _track(moved.joint_names, moved.parents, moved.rest, moved.rotations, moved.root)._replace(
-            notes=tuple(moved.notes)
+            notes=tuple(moved.notes), moved=moved.moved
         ),
         moved.fps,
     )

@@ -108,6 +108,16 @@ def test_mixamo_s_glb_is_the_body_s(tmp_path: Path, body: RiggedBody, skin: bool
     check(judge(body, read_motion(path, body, fps=30.0, floor=True), TRUTH))
 
 
+def test_unreal_s_glb_in_an_a_pose_is_the_body_s(tmp_path: Path, body: RiggedBody):
+    bind = np.tile(np.eye(3), (len(PERSON.names), 1, 1))
+    for j, name in enumerate(PERSON.names):
+        sign = 1.0 if name.startswith("Left") else -1.0
+        if "Arm" in name or "Hand" in name:
+            bind[j] = about("z", -45 * sign)
+    path = write_nodes(tmp_path / "a.glb", layout("unreal", PERSON).joints, TRUTH, bind=bind)
+    check(judge(body, read_motion(path, body, fps=30.0, floor=True), TRUTH))
+
+
 @pytest.mark.parametrize("write", [write_amass, write_aist], ids=["AMASS", "AIST++"])
 def test_smpl_s_motion_is_the_body_s(
     tmp_path: Path, body: RiggedBody, write: Callable[[Path, Performance], Path]
