@@ -85,6 +85,10 @@ def test_one_bad_file_of_three(tmp_path: Path, capsys):
     assert main(["evaluate", str(tmp_path), str(tmp_path / "truth")]) == 2
     captured = capsys.readouterr()
     assert "error: left out: b.h5; the reasons are above." in captured.err
+    assert main(["render", str(tmp_path), str(tmp_path / "truth"), "--out", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert "error: left out: b.h5; the reasons are above." in captured.err
+    assert len(captured.out.splitlines()) >= 2  # of a.h5 and c.h5
 
 
 def test_a_surprise_while_reading_is_that_files(tmp_path: Path, capsys, monkeypatch):

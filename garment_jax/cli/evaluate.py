@@ -3,11 +3,10 @@
 import argparse
 import json
 import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from garment_jax.cli.pairs import pair_files
+from garment_jax.cli.pairs import LeftOut, pair_files
 
 
 def add(commands) -> None:
@@ -28,32 +27,24 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.command import evaluate_files
     from garment_jax.evaluation.table import format_table
-    from garment_jax.formats.damage import reading
     from garment_jax.progress import FrameProgress
     from garment_jax.storage.whole import written_whole
 
     pairs = pair_files(options.pred, options.truth)
     if options.out is not None:
         check_out(options.out, [path for pair in pairs for path in pair])
-    figures, lost = [], []
+    figures, left_out = [], LeftOut(len(pairs))
     for pred, truth in pairs:
-        try:
-            with FrameProgress(pred.stem) as progress, reading(pred):
-                figures.append(evaluate_files(pred, truth, every=options.every, progress=progress))
-        except (ValueError, OSError) as error:
-            if len(pairs) == 1:
-                raise
-            print(f"left out: {error}", file=sys.stderr, flush=True)
-            lost.append(pred.name)
+        with left_out.reading(pred), FrameProgress(pred.stem) as progress:
+            figures.append(evaluate_files(pred, truth, every=options.every, progress=progress))
     if not figures:
-        raise ValueError(f"none of the {len(pairs)} pairs could be measured; the reasons are above.")
+        left_out.check()
     text = json.dumps(figures if options.pred.is_dir() else figures[0])
     if options.out is not None:  # first: who reads what is printed may leave early
         with written_whole(options.out) as (temporary,):
             temporary.write_text(text + "\n", encoding="utf-8")
     print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
-    if lost:
-        raise ValueError(f"left out: {', '.join(lost)}; the reasons are above.")
+    left_out.check()
 
 
 def check_out(out: Path, read: Sequence[Path]) -> None:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from garment_jax.cli.pairs import pair_files
+from garment_jax.cli.pairs import LeftOut, pair_files
 
 
 def add(commands) -> None:
@@ -34,8 +34,11 @@ def run(options: argparse.Namespace) -> None:
     pairs = [options.paths] if len(options.paths) == 1 else pair_files(*options.paths)
     names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
     settings = {name: getattr(options, name) for name in names}
+    left_out = LeftOut(len(pairs))
     for pair in pairs:
-        with FrameProgress(f"{Path(pair[-1]).stem}, pictures") as progress:
-            written = render_files(list(pair), options.out, **settings, progress=progress)
-        for path in written:
-            print(path, flush=True)
+        with left_out.reading(pair[0]):
+            with FrameProgress(f"{Path(pair[-1]).stem}, pictures") as progress:
+                written = render_files(list(pair), options.out, **settings, progress=progress)
+            for path in written:
+                print(path, flush=True)
+    left_out.check()
