@@ -68,6 +68,16 @@ def _key(name: str) -> tuple[str, str]:
     return "", plain
 
 
+def side_pairs(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the (left, right) joints of the same name but for the side, however that is written."""
+    joints = {key: k for k, key in reversed(list(enumerate(map(_key, names))))}
+    return [
+        (k, joints["Right", rest])
+        for (side, rest), k in joints.items()
+        if side == "Left" and ("Right", rest) in joints
+    ]
+
+
 def roles_of(names: Sequence[str], parents: np.ndarray) -> dict[str, int]:
     """Return role -> joint for a skeleton: "Hips", "Neck", "Head", "LeftUpLeg" ..., as far as they are told.
 

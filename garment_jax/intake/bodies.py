@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from garment_jax.body.joint_names import side_pairs
 from garment_jax.data.npz import load_body
 from garment_jax.data.validation import LARGEST, SMALLEST
 from garment_jax.formats.damage import reads_foreign
@@ -131,11 +132,15 @@ def _check_extent(body: RiggedBody, path: Path, unit: float | str | None) -> Non
 
 def _check_facing(body: RiggedBody, path: Path) -> None:
     """Raise `ValueError` for a body whose left is not at +X; names without sides tell nothing."""
-    names = {name.lower(): k for k, name in enumerate(body.joint_names)}
-    pairs = [(k, names.get(name.replace("left", "right"))) for name, k in names.items() if "left" in name]
-    apart = np.array([body.joints[a] - body.joints[b] for a, b in pairs if b is not None]).reshape(-1, 3)
-    along = apart[:, 0].sum()
-    if len(apart) and along < _FACING * np.linalg.norm(apart, axis=1).sum():
+    pairs = np.array(side_pairs(body.joint_names), np.int64).reshape(-1, 2)
+    apart = body.joints[pairs[:, 0]] - body.joints[pairs[:, 1]]
+    along, reach = float(apart[:, 0].sum()), _FACING * float(np.linalg.norm(apart, axis=1).sum())
+    if len(pairs) and along < -reach:
+        raise ValueError(
+            f"{path}: the body faces -Z, its left joints are at -X; turn it by 180 degrees about Y in the "
+            "program that it comes from."
+        )
+    if len(pairs) and along < reach:
         raise ValueError(
             f"{path}: the body does not stand Y up facing +Z, its left joints are not at +X; turn it in the "
             "program that it comes from, or give --body-up Z."

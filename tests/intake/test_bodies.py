@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from garment_jax.intake.bodies import load_any_body, place_template, read_any_body
+from garment_jax.structs import RiggedBody
+from garment_jax.validator.validate import validate_file
+from tests.intake.glb_files import write_glb
 from tests.reference.files import write_body
 from tests.reference.scene import make_scene
 from tests.reference.smpl import smpl_arrays, write_smpl
@@ -62,3 +65,45 @@ def test_what_is_no_body_is_refused(tmp_path: Path):
         load_any_body(tmp_path / "me.fbx")
     with pytest.raises(ValueError, match="is no SMPL body and has no betas; leave them out"):
         load_any_body(write_body(tmp_path / "me.npz", BODY), betas=np.ones(3))
+
+
+NAMES = {
+    "Mixamo": "mixamorig:{Left,Right}UpLeg",
+    "Unreal": "thigh_{l,r}",
+    "Blender": "thigh.{L,R}",
+    "SMPL": "{left,right}_hip",
+    "Biped": "Bip01 {L,R} Thigh",
+    "at the end": "Leg{Left,Right}",
+}
+
+
+@pytest.mark.parametrize("style", NAMES)
+@pytest.mark.parametrize("turned", [0, 90, 180])
+def test_a_glb_that_faces_elsewhere_is_noticed_whatever_its_sides_are_called(
+    tmp_path: Path, style: str, turned: int
+):
+    before, _, rest = NAMES[style].partition("{")
+    sides, _, after = rest.partition("}")
+    left, right = (before + side + after for side in sides.split(","))
+    c, s = np.cos(np.radians(turned)), np.sin(np.radians(turned))
+    turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]], np.float32)
+    joints = np.array([[0, 1, 0], [0.1, 0.9, 0], [-0.1, 0.9, 0], [0, 1.6, 0]], np.float32)
+    vertices = np.concatenate([joints + d for d in np.eye(3, dtype=np.float32) * 0.3])
+    body = RiggedBody(
+        vertices @ turn.T,
+        np.arange(12, dtype=np.int32).reshape(3, 4).T,
+        joints @ turn.T,
+        np.array([-1, 0, 0, 0], np.int32),
+        ("Hips", left, right, "Head"),
+        np.tile(np.eye(4, dtype=np.float32), (3, 1)),
+    )
+    path = write_glb(tmp_path / "me.glb", body)
+    if not turned:
+        assert read_any_body(path).body.joint_names == body.joint_names
+        return
+    sentence = (
+        "the body faces -Z, its left joints are at -X" if turned == 180 else "does not stand Y up facing"
+    )
+    with pytest.raises(ValueError, match=sentence):
+        read_any_body(path)
+    assert any(sentence in finding.value for finding in validate_file(path).findings)
