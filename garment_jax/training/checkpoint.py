@@ -342,10 +342,10 @@ def _one_sentence(target: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Orbax from telling about every array that it opens."""
+    """Keep Orbax from telling about every array, and its threads from printing what is raised anyway."""
     logger = logging.getLogger("absl")
     before = logger.level
-    logger.setLevel(logging.ERROR)
+    logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:

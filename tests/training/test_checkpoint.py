@@ -224,3 +224,21 @@ def test_a_description_that_is_none_is_refused_with_the_remedy(tmp_path: Path, t
     for read in (saver.metadata, lambda: saver.tree("params"), lambda: saver.restore(state())):
         with pytest.raises(ValueError, match=r"stage/3 cannot be read; delete it to go on"):
             read()
+
+
+def test_a_disk_without_room_is_one_sentence_and_no_thread_speaks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    if not hasattr(os, "posix_fallocate"):
+        pytest.skip("no way to ask for room here")
+    saver = Checkpointer(tmp_path, "stage")
+    saver.save(1, {"x": jnp.zeros(2)})
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(OSError, match=r"^The disk is full, so .*stage/2 was not saved; free space, then run"):
+        saver.save(2, {"x": jnp.ones(2)})
+    assert capfd.readouterr() == ("", "")
+    assert [path.name for path in saver.folder.iterdir()] == ["1"]
