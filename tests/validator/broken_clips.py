@@ -91,9 +91,9 @@ LENGTHS = ("template", "vertices", "root", "body/vertices", "body/joints")
 TO_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def turned(*, canonical: bool, world: bool) -> Callable[[h5py.File], None]:
-    """Return the change to Z up of the canonical things, of the world, or of both."""
-    C, W = (TO_Z if on else np.eye(3) for on in (canonical, world))
+def turned(*, canonical: bool, world: bool, back: bool = False) -> Callable[[h5py.File], None]:
+    """Return the change to Z up of the canonical things, of the world, or of both; `back`: to -Z up."""
+    C, W = ((TO_Z.T if back else TO_Z) if on else np.eye(3) for on in (canonical, world))
 
     def change(file: h5py.File) -> None:
         for name in ("template", "body/vertices", "body/joints"):

@@ -149,6 +149,12 @@ CASES: dict[str, tuple[Callable[[h5py.File], object], str, str, str]] = {
     "unit missing": (set_attribute("length_unit", None), "body unit", "error", "length_unit is None"),
     "Z up": (turned(canonical=True, world=True), "up axis", "error", "body and motion stand along Z"),
     "motion Z up": (turned(canonical=False, world=True), "up axis", "error", "the motion stands along Z"),
+    "motion -Z up": (
+        turned(canonical=False, world=True, back=True),
+        "up axis",
+        "error",
+        "the motion stands along -Z",
+    ),
     "body Z up": (turned(canonical=True, world=False), "up axis", "error", "the body stands along Z"),
     "said to be Z": (set_attribute("up_axis", "Z"), "up axis", "error", "body and motion stand along Y"),
     "no rate": (set_attribute("fps", None), "frame rate", "error", "fps is missing"),
