@@ -23,8 +23,8 @@ _SIDED = {
     "Shoulder": ("collar", "clavicle", "collarbone", "shoulder"),
 }
 _MIDDLE = {
-    "Hips": ("hips", "pelvis", "hip"),
-    "Neck": ("neck", "neck01", "neck1"),
+    "Hips": ("hips", "pelvis", "hip", "spinebase"),
+    "Neck": ("neck", "neck01", "neck1", "necktwist01"),
     "Head": ("head",),
 }
 _WORDS = {word for words in _SIDED.values() for word in words}
@@ -34,6 +34,9 @@ _PREFIX = re.compile(
     r"(?=.)",
     re.IGNORECASE,
 )
+_CLOSED_PREFIX = re.compile(r"^mixamorig\d*(?=[A-Z])")  # three.js leaves out the colon
+_NUMBER = re.compile(r"[ _]\d+$")
+_NUMBERED = 0.8  # part of the names with a number of its own by which these are the file's and no name's
 _SIDE = (  # where a name says its side; the group is the letter
     re.compile(r"^(l|r)(?:eft|ight)(?=[^a-z]|[a-z]{3})[ _.-]?", re.IGNORECASE),
     re.compile(r"[ _.-]?(l|r)(?:eft|ight)$", re.IGNORECASE),
@@ -50,7 +53,16 @@ def plain_name(name: str) -> str:
     name = re.split(r"[:|]", name)[-1].strip()
     while (shorter := _PREFIX.sub("", name)) != name:
         name = shorter
+    name = _CLOSED_PREFIX.sub("", name)
     return re.sub(r"^[Cc]_", "", re.sub(r"\.\d{3}$", "", name))
+
+
+def without_numbers(names: Sequence[str]) -> list[str]:
+    """Return names without the numbers that some exporters give to all joints of a file ("LeftArm_09")."""
+    found = [match[0] for name in names if (match := _NUMBER.search(name))]
+    if len(found) < _NUMBERED * len(names) or len(set(found)) < len(found):
+        return list(names)
+    return [_NUMBER.sub("", name) for name in names]
 
 
 def _key(name: str) -> tuple[str, str]:
@@ -83,6 +95,7 @@ def roles_of(names: Sequence[str], parents: np.ndarray) -> dict[str, int]:
 
     Without a neck the head stands for it.
     """
+    names = without_numbers(names)
     keys = [_key(name) for name in names]
     if any(re.split(r"[:|-]", name)[-1] == "spine.001" for name in names):
         keys = [
@@ -133,9 +146,9 @@ def match_joints(
         k = round((i + 1) * m / n) - 1 if m >= n else i - (n - m)
         if k >= 0:
             pairs[j] = spine[k]
-    keys = {_key(name): k for k, name in reversed(list(enumerate(names)))}
+    keys = {_key(name): k for k, name in reversed(list(enumerate(without_numbers(names))))}
     taken = set(pairs.values())
-    for j, name in enumerate(body_names):
+    for j, name in enumerate(without_numbers(body_names)):
         k = keys.get(_key(name))
         if j not in pairs and k is not None and k not in taken and j not in here.values():
             pairs[j] = k

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from garment_jax.body.joint_names import match_joints, missing_joints, plain_name, roles_of
+from garment_jax.body.joint_names import match_joints, missing_joints, plain_name, roles_of, without_numbers
 from garment_jax.embedded.skeleton import JOINT_NAMES, PARENTS
 
 # one arm and one leg in the words of a program, with its hips, neck and head
@@ -20,6 +20,10 @@ PROGRAMS = {
     "SMPL": "pelvis spine1 neck head left_collar left_shoulder left_elbow "
     "left_hip left_knee left_ankle left_foot",
     "100STYLE": "Hips Chest Neck Head LeftCollar LeftShoulder LeftElbow LeftHip LeftKnee LeftAnkle LeftToe",
+    "Character Creator": "CC_Base_Hip CC_Base_Waist CC_Base_NeckTwist01 CC_Base_Head CC_Base_L_Clavicle "
+    "CC_Base_L_Upperarm CC_Base_L_Forearm CC_Base_L_Thigh CC_Base_L_Calf CC_Base_L_Foot CC_Base_L_ToeBase",
+    "Kinect": "SpineBase SpineMid Neck Head ClavicleLeft ShoulderLeft ElbowLeft HipLeft KneeLeft AnkleLeft "
+    "FootLeft",
     "Blender's numbers": "Armature|Hips.001 Spine.001 Neck.001 Head.001 Shoulder_L.001 "
     "UpperArm_L.001 LowerArm_L.001 "
     "UpperLeg_L.001 LowerLeg_L.001 Foot_L.001 Toes_L.001",
@@ -61,3 +65,16 @@ def test_prefixes_and_sides_fall_away_on_both_sides():
         assert table == dict(zip(here, there, strict=True))
     lacking = {a: b for a, b in table.items() if not a.endswith("LeftLeg")}
     assert missing_joints(lacking, prefixed, PARENTS) == ["mixamorig:LeftLeg"]
+
+
+@pytest.mark.parametrize("prefix", ["mixamorig", "mixamorig1:", "Armature|mixamorig:", "Character1_", ""])
+@pytest.mark.parametrize("numbered", [False, True])
+def test_prefixes_without_a_colon_and_a_file_s_own_numbers_fall_away(prefix: str, numbered: bool):
+    names = [prefix + name + (f"_{k:02d}" if numbered else "") for k, name in enumerate(JOINT_NAMES)]
+    for here, there in ((JOINT_NAMES, names), (names, JOINT_NAMES)):
+        assert match_joints(there, PARENTS, here, PARENTS) == dict(zip(here, there, strict=True))
+
+
+def test_numbers_that_tell_joints_apart_stay():
+    for names in (["pelvis", "spine_01", "spine_02", "index_01_l"], ["a_01", "b_01", "c_02"]):
+        assert without_numbers(names) == names
