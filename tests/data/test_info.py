@@ -58,3 +58,6 @@ def test_folder_without_facts_and_broken_facts_are_refused(tmp_path: Path):
     (tmp_path / "figures.json").write_text("{")
     with pytest.raises(ValueError, match=r"figures\.json cannot be read"):
         describe(tmp_path)
+    (tmp_path / "figures.json").write_text("[" * 100_000)
+    with pytest.raises(ValueError, match=r"figures\.json cannot be read"):
+        describe(tmp_path)
