@@ -1,14 +1,20 @@
-"""How far a garment is inside the body: exact signed distance to a closed surface."""
+"""How far a garment is inside the body: exact signed distance to a closed surface.
+
+Where it crosses itself, to that of the union of its parts: inside is what it goes around once or more.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.evaluation.rays import RayBoxes, ray_boxes, winding_by_ray
 from garment_jax.evaluation.surface import Surface, SurfacePoint, closest_point, make_surface
-from garment_jax.evaluation.triangles import FACE, cross, dot
+from garment_jax.evaluation.triangles import FACE, closest_on_triangle, cross, dot
+from garment_jax.evaluation.union_surface import union_distance
 from garment_jax.geometry.winding_number import winding_number
 
 TOLERANCE_MM = 0.1  # a vertex counts as inside below minus this
+ON_SURFACE = 1e-9  # metres: nearer to a sheet its side is the sheet's
 ROOM_MM = 1.0  # that a vertex needs outside the body: cloth is about as thick
 
 
@@ -21,6 +27,7 @@ class ClosedSurface(NamedTuple):
     flat: np.ndarray  # [f, 3] unit normals of the faces; 0 for a face without area
     at_vertex: np.ndarray  # [n, 3] angle-weighted sums of them, not normalised
     neighbours: np.ndarray  # [f, 3] int, see `neighbour_faces`
+    boxes: RayBoxes
 
 
 class Penetration(NamedTuple):
@@ -59,20 +66,37 @@ def closed_surface(vertices: np.ndarray, faces: np.ndarray, neighbours: np.ndarr
     length = np.linalg.norm(flat, axis=-1, keepdims=True)
     flat = flat / np.where(length > 0, length, 1.0)  # a face without area has no say: zero
     at_vertex = _vertex_normals(corners, flat, faces, len(vertices))
-    return ClosedSurface(make_surface(vertices, faces), vertices, faces, flat, at_vertex, neighbours)
+    surface = make_surface(vertices, faces)
+    return ClosedSurface(surface, vertices, faces, flat, at_vertex, neighbours, ray_boxes(surface.corners))
 
 
 def signed_distance(points: np.ndarray, closed: ClosedSurface) -> np.ndarray:
     """Return the exact signed distance `[q]` of `points` `[q, 3]` to a closed surface, metres.
 
-    Positive outside. The sign is that of the angle-weighted pseudo-normal at the closest feature
-    (Baerentzen and Aanaes 2005), which is exact for a closed surface that does not cross itself;
-    where a posed body does, the nearest sheet decides.
+    Positive outside, where its winding number is 0 or less (so in a part that is turned inside out), negative
+    where it is 1 or more. The distance is that to the surface between the two: where parts cross each other,
+    to the surface of their union.
     """
     points = points.astype(np.float64)
     hit = closest_point(points, closed.surface)
-    outward = dot(points - hit.point, _pseudo_normal(hit, closed))
-    return np.where(outward < 0, -hit.distance, hit.distance)
+    behind = dot(points - hit.point, _pseudo_normal(hit, closed)) < 0
+    number = winding_by_ray(points, closed.boxes)
+    distance = hit.distance.copy()
+    # No sheet lies between a point and its nearest sheet, whose outer side so has the number 0 if it bounds
+    # the union. On the surface itself a number is either side's.
+    other = np.flatnonzero((number != behind) & (distance > ON_SURFACE))
+    for i in other:
+        distance[i] = _to_union(points[i], closed)
+    touching = distance <= ON_SURFACE
+    return np.where(np.where(touching, behind, number >= 1), -distance, distance)
+
+
+def _to_union(point: np.ndarray, closed: ClosedSurface) -> float:
+    corners = closed.surface.corners
+    near = closest_on_triangle(np.broadcast_to(point, (len(corners), 3)), corners)
+    hit = SurfacePoint(near.distance, near.point, np.arange(len(corners)), near.feature)
+    outward = _pseudo_normal(hit, closed)
+    return union_distance(point, near.point, outward, corners, closed.flat, closed.boxes)
 
 
 def pinched(points: np.ndarray, closed: ClosedSurface) -> np.ndarray:

@@ -73,12 +73,15 @@ def sampled_frames(
     frames = np.arange(start, start + len(V))
     frames = frames[frames % every == 0]
     rows: dict[str, list[float]] = {"frame": []}
+    held = np.zeros(V.shape[1], bool)
+    if q.scene.pins is not None:
+        held[q.scene.pins.vertices] = True
     for frame, solids in zip(frames, _solids(q, tables, frames), strict=True):
         v, v_star = V[frame - start], V_star[frame - start]
         row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
         for prefix, x in (("", v), ("truth_", v_star)):
             row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
-            row |= {prefix + name: value for name, value in _inside(x, *solids).items()}
+            row |= {prefix + name: value for name, value in _inside(x, held, *solids).items()}
         for name, value in row.items():
             rows.setdefault(name, []).append(value)
     return {name: np.asarray(values) for name, values in rows.items()} if len(frames) else {}
@@ -102,14 +105,19 @@ def _solids(
             yield closed, closed_surface(whole, q.scene.body.faces, tables.body)
 
 
-def _inside(v: np.ndarray, collider: ClosedSurface | None, body: ClosedSurface | None) -> dict[str, float]:
+def _inside(
+    v: np.ndarray, held: np.ndarray, collider: ClosedSurface | None, body: ClosedSurface | None
+) -> dict[str, float]:
     """Return one frame's penetration of the collider and, apart, of the rest of the body.
 
-    Apart, too, those vertices inside the collider that nothing can push out, and the others alone.
+    Apart, too, the pins (`held` `[n]` bool), which are where the body has them; those vertices inside the
+    collider that nothing can push out; and the others alone.
     """
     if collider is None:
         return {}
     d = signed_distance(v, collider)
+    pins_inside = is_inside(d) & held
+    d = np.where(held, np.inf, d)
     inside = is_inside(d)
     stuck = np.zeros(len(v), bool)
     stuck[inside] = pinched(v[inside], collider) if inside.any() else False
@@ -117,11 +125,12 @@ def _inside(v: np.ndarray, collider: ClosedSurface | None, body: ClosedSurface |
     row = {
         "inside_percent": in_collider.inside_percent,
         "deepest_mm": in_collider.deepest_mm,
+        "pins_inside_percent": 100.0 * float(pins_inside.mean()),
         "pinched_percent": 100.0 * float(stuck.mean()),
         "unpinched_inside_percent": unpinched.inside_percent,
         "unpinched_deepest_mm": unpinched.deepest_mm,
     }
     if body is not None:
-        rest = penetration(np.where(inside, np.inf, signed_distance(v, body)))
+        rest = penetration(np.where(inside | pins_inside, np.inf, signed_distance(v, body)))
         row |= {"arms_inside_percent": rest.inside_percent, "arms_deepest_mm": rest.deepest_mm}
     return row

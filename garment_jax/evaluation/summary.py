@@ -85,7 +85,9 @@ def _contact(sampled: Columns, prefix: str) -> Metrics:
         inside, deepest = f"{prefix}{part}inside_percent", f"{prefix}{part}deepest_mm"
         figures[inside] = _mean(sampled, inside)
         figures[deepest] = float(sampled[deepest].max()) if deepest in sampled else None
-    means = (f"{prefix}pinched_percent", f"{prefix}self_intersecting_edges")
+    means = tuple(
+        prefix + name for name in ("pins_inside_percent", "pinched_percent", "self_intersecting_edges")
+    )
     return figures | {name: _mean(sampled, name) for name in means}
 
 

@@ -1,0 +1,57 @@
+"""A mannequin whose parts cross each other: pressed thighs, an arm in the hip, a knee in the belly."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from garment_jax.body.kinematics import pose_body
+from garment_jax.embedded.mannequin import make_mannequin
+from garment_jax.structs import Motion, RiggedBody
+
+# joint: its turn against its parent, degrees about x (left), y (up) and z (front)
+POSES = {
+    "pressed thighs": {
+        "LeftUpLeg": (-70, 0, -22),
+        "RightUpLeg": (-70, 0, 22),
+        "LeftLeg": (90, 0, 0),
+        "RightLeg": (90, 0, 0),
+    },
+    "an arm in the hip": {"LeftArm": (0, 0, -55), "LeftForeArm": (0, 0, -25)},
+    "a knee in the belly": {"LeftUpLeg": (-150, 0, -15), "LeftLeg": (140, 0, 0)},
+}
+
+
+@lru_cache
+def crossing_body(pose: str, resolution: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices `[c, 3]` float64 (metres) and faces `[f, 3]` of the mannequin in that pose."""
+    body = make_mannequin(resolution)
+    return turned(body, POSES[pose]), np.asarray(body.faces)
+
+
+def turned(body: RiggedBody, turns: Mapping[str, tuple[float, float, float]]) -> np.ndarray:
+    """Return the posed vertices `[c, 3]` of any body with these joints."""
+    world: list[np.ndarray] = []
+    for name, parent in zip(body.joint_names, body.parents, strict=True):
+        own = Rotation.from_euler("xyz", turns.get(name, (0, 0, 0)), degrees=True).as_matrix()
+        world.append(own if parent < 0 else world[parent] @ own)
+    motion = Motion(np.array(world, np.float32)[None], body.joints[:1].astype(np.float32), 30.0)
+    return pose_body(body, motion, np.array([0]))[0].astype(np.float64)
+
+
+def points_around(vertices: np.ndarray, faces: np.ndarray, many: int, seed: int) -> np.ndarray:
+    """Return points `[many, 3]` float64: most near the surface, some anywhere around it, some along edges."""
+    rng = np.random.default_rng(seed)
+    on = rng.dirichlet(np.ones(3), many)[:, :, None] * vertices[faces[rng.integers(len(faces), size=many)]]
+    spread = rng.choice([1e-3, 1e-2, 5e-2], size=(many, 1))
+    points = on.sum(axis=1) + rng.normal(size=(many, 3)) * spread
+    anywhere = rng.random(many) < 0.1
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return np.where(anywhere[:, None], rng.uniform(low, high, (many, 3)), points)
+
+
+def rest_body(resolution: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and faces of the mannequin as it stands."""
+    body = make_mannequin(resolution)
+    return np.asarray(body.vertices), np.asarray(body.faces)
