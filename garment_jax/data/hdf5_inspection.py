@@ -26,6 +26,7 @@ _LARGEST_TEXT = 4 * 2**20  # characters of a dataset of text
 _HARMLESS = 256 * 2**20  # bytes that fit, however densely they are packed
 _DENSEST, _DENSEST_FRAMES = 20, 1100  # unpacked bytes a packed byte: more than poses reach; deflate's bound
 _MOST_ROWS = 250_000  # two hours of frames; more only where the file has a byte for each
+_MOST_PIECES = 2**16  # chunks of a dataset; more only where the file has a byte for each
 _LARGEST_CHUNK = 64 * 2**20  # bytes that are unpacked at once
 _WINDOW, _LARGEST_SLAB, _MOST_PASSES = 64, 32 * 2**20, 8  # frames read at once, of which chunks are kept
 _BUILT_IN = ("DEFLATE", "SHUFFLE", "FLETCHER32", "LZF", "NBIT", "SCALEOFFSET")
@@ -210,6 +211,9 @@ def _dataset(data: h5d.DatasetID, name: str, size: int, path: Path) -> _Data:
         raise _Refused(f"{where} declares {shape[0]} rows in a file of {size} bytes; export it again.")
     if plan.get_layout() == h5d.CHUNKED:
         _check_chunks(plan.get_chunk(), shape, kind.get_size(), where)
+        pieces = math.prod(-(-length // wide) for length, wide in zip(shape, plan.get_chunk(), strict=False))
+        if pieces > max(_MOST_PIECES, size):  # each is looked for, also where it is not stored
+            raise _Refused(f"{where} declares {pieces} chunks in a file of {size} bytes; export it again.")
     if name in FRAMES:
         _attributes(data, path)
     if isinstance(kind, h5t.TypeStringID) and kind.is_variable_str():

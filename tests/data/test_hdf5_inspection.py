@@ -74,6 +74,10 @@ REFUSED: dict[str, tuple[Callable[[h5py.File, Path], object], str]] = {
         lambda f, secret: f.create_dataset("extra/x", (10**9,), "i1", chunks=(10**5,)),
         "declares 1000000000 rows in a file of",
     ),
+    "chunks of a number": (
+        lambda f, secret: f.create_dataset("extra/x", (2000, 1000), "i1", chunks=(1, 1)),
+        "declares 2000000 chunks in a file of",
+    ),
     "much text": (_shared_text, "more than 4 MB of text"),
     "text of 5 MB": (lambda f, secret: f.attrs.update(a="n" * (5 * 2**20)), "text of 5 MB in one piece"),
     "compound": (
