@@ -266,11 +266,11 @@ def _from_frame(track: SkeletonTrack, frame: int, sources: np.ndarray, body: Rig
     offsets = track.offsets.copy()
     for j in range(1, len(offsets)):
         offsets[j] = (positions[0, j] - positions[0, track.parents[j]]) @ Q
+    turned = np.swapaxes(R, -1, -2) @ Q
     new = track._replace(
-        rotations=track.rotations.astype(np.float64) @ np.swapaxes(R, -1, -2) @ Q,
+        rotations=track.rotations.astype(np.float64) @ turned,
         offsets=offsets,
-        moved={},
-        root=track.root,
+        moved={j: offset @ turned[track.parents[j]] for j, offset in track.moved.items()},
     )
     if standing_axes(rest_positions(new), at) is None:
         raise ValueError(

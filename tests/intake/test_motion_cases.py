@@ -117,6 +117,11 @@ def test_a_frame_can_be_named_as_the_rest_pose(tmp_path: Path):
         read_motion(path, body, rest_frame=9999)
 
 
+def test_a_rest_frame_keeps_the_path_of_hips_below_a_reference(cases: Path):
+    root, _, _ = posed(cases / "bvh_hips_below_reference", rest_frame=0)
+    np.testing.assert_allclose(root[-1] - root[0], [0, 0, 2], atol=1e-3)
+
+
 @pytest.mark.parametrize("turn", ["front", "back", "side", "rolling"])
 def test_who_lies_on_the_floor_keeps_lying(tmp_path: Path, turn: str):
     body, motion = make_body(), make_motion(make_scene(), 40)
