@@ -100,7 +100,8 @@ def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None 
 
 
 def _said(repairs: Sequence[Repair]) -> list[str]:
-    return [_WORDS[repair.kind].format(repair.amount) for repair in repairs]
+    said = [_WORDS[repair.kind].format(repair.amount) for repair in repairs]
+    return [text.replace(" 1 frames ", " frame ") for text in said]
 
 
 def _fix_clip(path: Path, to: Path, fps: float | None) -> list[str]:

@@ -57,16 +57,15 @@ def held_frames(step: np.ndarray) -> int:
 def leading_frames(speed: np.ndarray) -> int:
     """Return how many frames at the beginning belong to a rest pose and the jump out of it, 0 for none.
 
-    `speed` `[t - 1]` in metres per second, the fastest joint's.
+    `speed` `[t - 1]` in metres per second, the fastest joint's. The cut is at the last jump, whose steps are
+    faster than people and than the frames around them: a motion that begins briskly after it stays whole.
     """
     begin, after = speed[:LEADING], speed[LEADING : 3 * LEADING]
-    if len(after) < LEADING:
+    if len(after) < LEADING or begin.max() < _TIMES * np.median(after):
         return 0
-    usual = float(np.median(after))
-    if begin.max() < FAST_START or begin.max() < _TIMES * usual:
-        return 0
-    quiet = np.median(speed[LEADING - 5 : LEADING + 10])
-    return int(np.flatnonzero(begin > max(2 * quiet, 0.1 * begin.max() / LEADING))[-1]) + 1
+    found = jump_frames(speed[: 3 * LEADING], FAST_START)
+    early = found[found < LEADING]
+    return int(early[-1]) + 1 if len(early) else 0
 
 
 def trailing_frames(step: np.ndarray) -> int:
@@ -90,14 +89,14 @@ def _held(held: int, fps: float | None) -> Finding:
 def _rest_pose(lead: int, step: np.ndarray, fps: float) -> Finding:
     if not lead:
         return Finding("rest pose", "ok", "none at the beginning")
-    first = int(step[:lead].argmax())
+    first, frames = int(step[:lead].argmax()), "frame" if lead == 1 else f"{lead} frames"
     return Finding(
         "rest pose",
         "warning",
         f"a joint moves {step[first]:.2f} m in one frame ({step[first] * fps:.0f} m/s): a rest pose, a jump "
         "out of it",
         f"frame {first} to {first + 1}",
-        f"drop the first {lead} frames (--fix does; --skip of import and simulate counts the source's)",
+        f"drop the first {frames} (--fix does; --skip of import and simulate counts the source's)",
         Repair("first", lead),
     )
 
