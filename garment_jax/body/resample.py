@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-SAME_RATE = 1e-4  # relative difference of rates that are one, as files round them
+from garment_jax.body.rates import SAME_RATE
 
 
 def sample_times(frames: int, fps: float, source_fps: float, skip: int = 0) -> tuple[np.ndarray, np.ndarray]:

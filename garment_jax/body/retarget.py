@@ -19,6 +19,7 @@ from garment_jax.body.joint_names import match_joints, missing_joints, plain_nam
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.local_axes import NEEDED as NEEDED_ROLES
 from garment_jax.body.local_axes import alignments, shortest_turn, sides_agree, standing_axes, upright_axis
+from garment_jax.body.rates import rate_of_frame_time
 from garment_jax.body.resample import between, sample_times, slerp
 from garment_jax.body.skeleton_track import SkeletonTrack, rest_positions, world_positions
 from garment_jax.body.up_axis import TO_Y, UpAxis, axis_name, leg_length, settle_up
@@ -370,10 +371,8 @@ def _alignments(bones: dict[int, int], sources: np.ndarray, rest: np.ndarray, bo
 
 
 def source_rate(track: SkeletonTrack) -> float:
-    """Return the frame rate that a clip's header claims, frames a second."""
-    # headers round: 0.00833333 s is 120 frames a second, and a long clip must not drift
-    rate = 1.0 / track.frame_time
-    return float(round(rate)) if abs(rate - round(rate)) < 1e-3 else rate
+    """Return the frame rate that a clip's header means, frames a second."""
+    return rate_of_frame_time(track.frame_time)
 
 
 def _target_rotations(

@@ -6,6 +6,7 @@ Translations are divided by the scaling, then they are metres.
 from pathlib import Path
 from typing import Any
 
+from garment_jax.body.rates import rate_in
 from garment_jax.formats.pickles import load_pickle
 from garment_jax.formats.rotation_vectors import SmplMotion, check_numbers, read_poses, read_translation
 
@@ -34,4 +35,6 @@ def read_aist(path: str | Path, content: Any = None) -> SmplMotion:
     scaling = check_numbers(content["smpl_scaling"], "smpl_scaling", path)
     if scaling.size != 1 or not scaling.item() > 0:
         raise ValueError(f"{path}: 'smpl_scaling' must be one number above 0; copy the file again.")
-    return SmplMotion(poses, translation / scaling.item(), None, _FPS, 1.0, "Y")
+    return SmplMotion(
+        poses, translation / scaling.item(), None, rate_in(content, path), 1.0, "Y", usual_fps=_FPS
+    )

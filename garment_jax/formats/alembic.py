@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.rates import rate_of_frame_time, stated_rate
 from garment_jax.formats.blender import run_blender
 from garment_jax.formats.mesh_cache import Frames, MeshCache, choose_mesh, fan_corners
 
@@ -95,13 +96,8 @@ def _collect(folder: Path, timing: Timing) -> MeshCache:
         if "uv" in arrays:
             uv, index = np.unique(arrays["uv"], axis=0, return_inverse=True)
             faces_uv = index.reshape(-1).astype(np.int32)[fans]
-    fps = None if timing.count < 2 else _meant(1 / timing.step)
+    fps = None if timing.count < 2 else stated_rate(rate_of_frame_time(timing.step))
     return MeshCache(vertices, faces, uv, faces_uv, fps, None, None)
-
-
-def _meant(rate: float) -> float:
-    """Return a rate as it was meant: Blender writes 1 / fps with float32's digits."""
-    return float(round(rate)) if abs(rate - round(rate)) < 1e-5 * rate else rate
 
 
 def write_alembic(

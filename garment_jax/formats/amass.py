@@ -2,16 +2,9 @@
 
 from pathlib import Path
 
+from garment_jax.body.rates import RATE_KEYS, rate_in
 from garment_jax.formats.npz import npz_names, read_npz
-from garment_jax.formats.rotation_vectors import (
-    SmplMotion,
-    check_numbers,
-    check_rate,
-    read_poses,
-    read_translation,
-)
-
-_RATES = ("mocap_framerate", "mocap_frame_rate")  # the second in the SMPL-X edition
+from garment_jax.formats.rotation_vectors import SmplMotion, check_numbers, read_poses, read_translation
 
 
 def is_amass(path: str | Path) -> bool:
@@ -26,7 +19,7 @@ def read_amass(path: str | Path) -> SmplMotion:
     or does not fit.
     """
     path = Path(path)
-    arrays = read_npz(path, ("poses", "trans", "betas", *_RATES))
+    arrays = read_npz(path, ("poses", "trans", "betas", *RATE_KEYS))
     missing = [name for name in ("poses", "trans") if name not in arrays]
     if missing:
         raise ValueError(
@@ -35,6 +28,4 @@ def read_amass(path: str | Path) -> SmplMotion:
     poses = read_poses(arrays["poses"], "poses", path)
     translation = read_translation(arrays["trans"], "trans", len(poses), path)
     betas = check_numbers(arrays["betas"], "betas", path).ravel() if "betas" in arrays else None
-    rate = next((name for name in _RATES if name in arrays), None)
-    fps = None if rate is None else check_rate(arrays[rate], rate, path)
-    return SmplMotion(poses, translation, betas, fps, 1.0, "Z")
+    return SmplMotion(poses, translation, betas, rate_in(arrays, path), 1.0, "Z")

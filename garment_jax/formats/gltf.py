@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.body.joint_names import roles_of
-from garment_jax.formats.gltf_animation import Channel, find_animation, local_matrices, read_channels
+from garment_jax.formats.gltf_animation import (
+    Channel,
+    find_animation,
+    in_seconds,
+    key_rate,
+    local_matrices,
+    read_channels,
+)
 from garment_jax.formats.gltf_bare_rig import joints_of_body, read_bare_skeleton
 from garment_jax.formats.gltf_container import GltfFile, count_of, open_gltf
 from garment_jax.formats.gltf_handles import carries_weight, without_handle_parts, without_handles
@@ -83,7 +90,8 @@ def read_animation(
     path: str | Path,
     *,
     name: str | None = None,
-    fps: float = 30.0,
+    fps: float | None = 30.0,
+    source_fps: float | None = None,
     mesh: str | None = None,
     skeleton: str | None = None,
     like: Sequence[str] = (),
@@ -91,13 +99,14 @@ def read_animation(
 ) -> GltfAnimation:
     """Read an animation of a glTF file, sampled at `fps` from its first key to its last.
 
-    `name` picks one of several, those without one by their number; `mesh`, `skeleton` and `part` as in
-    `read_body`, whose joints these are. A file without a body may hold a motion alone (`gltf_bare_rig`): of
-    its nodes those are joints that hang on the root joint of the body with the joints `like`. Bones keep
-    their lengths: rotations and the root are all that is returned. Raises what `read_body` raises, and
-    `ValueError` for an animation that stretches or scales joints, or is too long.
+    Without `fps` at the rate of its own keys, where these are even. `source_fps` is the true rate of its
+    keys, where their times are no seconds. `name` picks one of several, those without one by their number;
+    `mesh`, `skeleton` and `part` as in `read_body`, whose joints these are. A file without a body may hold a
+    motion alone (`gltf_bare_rig`): of its nodes those are joints that hang on the root joint of the body with
+    the joints `like`. Bones keep their lengths: rotations and the root are all that is returned. Raises what
+    `read_body` raises, and `ValueError` for an animation that stretches or scales joints, or is too long.
     """
-    if not 1 <= fps <= 10_000:
+    if fps is not None and not 1 <= fps <= 10_000:
         raise ValueError(f"fps={fps} must lie between 1 and 10000 frames a second.")
 
     def read(file: GltfFile) -> GltfAnimation:
@@ -109,8 +118,9 @@ def read_animation(
             found, body = _read_body(file, choice)
             carries = carries_weight(found, body.weights)
         order = with_ancestors(found.nodes.parents, found.joints)
-        channels = read_channels(file, index, set(order))
-        times = _grid(file, channels, fps, len(order))
+        channels = in_seconds(read_channels(file, index, set(order)), source_fps, file.path)
+        rate = fps or key_rate(channels) or 30.0
+        times = _grid(file, channels, rate, len(order))
         rotations = np.empty((len(times), len(found.joints), 3, 3), np.float32)
         free = _above_hips(found)
         places = np.empty((len(times), len(free), 3))
@@ -123,7 +133,7 @@ def read_animation(
         rest = found.bind[:, :3, 3]
         moved = _moved(free, found, rotations, places)
         root, names, parents = places[:, 0], found.names, found.parents
-        return GltfAnimation(rotations, root, float(fps), names, parents, rest, found.notes, moved)
+        return GltfAnimation(rotations, root, float(rate), names, parents, rest, found.notes, moved)
 
     return _guarded(path, read)
 
@@ -144,7 +154,7 @@ def _grid(file: GltfFile, channels: list[Channel], fps: float, joints: int) -> n
     if frames * joints > _MOST_MATRICES:
         raise ValueError(
             f"{file.path}: the animation lasts {last - first:.4g} s, {frames:.4g} frames of {joints} joints, "
-            "which is too long; cut it, or lower fps."
+            "which is too long; cut it, or give a lower --fps."
         )
     return first + np.arange(int(frames)) / fps
 

@@ -1,9 +1,11 @@
 """Animations of a glTF file, sampled on a uniform grid: step, linear and cubic spline keys."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.rates import counts_frames, rate_of_times
 from garment_jax.formats.gltf_accessors import read_accessor
 from garment_jax.formats.gltf_container import GltfFile, count_of, element, whole
 from garment_jax.formats.gltf_nodes import Nodes, compose
@@ -11,6 +13,7 @@ from garment_jax.formats.gltf_parts import list_names, unique_names
 
 _WIDTHS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
 _MODES = ("LINEAR", "STEP", "CUBICSPLINE")
+BAKED, SLOWEST_BAKED = 10, 12.0  # keys, and keys a second, of an animation that is baked frame by frame
 _MOST_NUMBERS = 2**24  # of all keys together: many channels may name one accessor
 
 
@@ -104,6 +107,44 @@ def _read_channel(file: GltfFile, node: int, path: str, sampler: dict[str, Any])
     if path == "rotation" and (np.linalg.norm(keys[:, 1] if per_key == 3 else keys, axis=1) < 1e-6).any():
         raise ValueError(f"{where} has a quaternion of length 0; export the animation again.")
     return Channel(node, path, mode, times, keys)
+
+
+def in_seconds(channels: list[Channel], source_fps: float | None, path: Path) -> list[Channel]:
+    """Return the channels with key times in seconds: `source_fps` keys a second, where the user says so.
+
+    Raises `ValueError` for times that count frames (0, 1, 2, …) while nobody says how many make a second, and
+    for a `source_fps` of keys that are unevenly spaced.
+    """
+    times = max((channel.times for channel in channels), key=len)
+    if source_fps is None:
+        if counts_frames(times):
+            raise ValueError(
+                f"{path}: its keys are at {times[0]:g}, {times[1]:g}, {times[2]:g} … seconds, which looks "
+                "like numbers of frames; give their rate with --source-fps (1 for one key a second)."
+            )
+        return channels
+    step = np.diff(times)
+    if not len(step) or np.ptp(step) > 0.02 * step.mean():
+        raise ValueError(
+            f"{path}: its keys are unevenly spaced, so that they have no rate; leave --source-fps out."
+        )
+    scale = 1.0 / (source_fps * step.mean())
+    return [_scaled(channel, scale) for channel in channels]
+
+
+def _scaled(channel: Channel, scale: float) -> Channel:
+    """Return a channel whose keys are `scale` times as far apart; tangents are per second."""
+    values = channel.values
+    if channel.mode == "CUBICSPLINE":
+        values = values * np.array([1 / scale, 1.0, 1 / scale])[:, None]
+    return channel._replace(times=channel.times * scale, values=values)
+
+
+def key_rate(channels: list[Channel]) -> float | None:
+    """Return the rate of a baked animation's keys, frames a second; None for sparse or uneven ones."""
+    times = max((channel.times for channel in channels), key=len)
+    rate = rate_of_times(times) if len(times) >= BAKED else None
+    return rate if rate is not None and rate >= SLOWEST_BAKED else None
 
 
 def local_matrices(channels: list[Channel], nodes: Nodes, order: list[int], times: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.body.rates import rate_of_times
 from garment_jax.formats.mesh_cache import Frames, MeshCache
 
 _HEADER = struct.Struct(">ii")
@@ -17,14 +18,14 @@ _HEADER = struct.Struct(">ii")
 def read_mdd(path: str | Path) -> MeshCache:
     """Open an MDD file: vertices `[t, n, 3]` are read by windows, the file's own unit and axes.
 
-    `fps` follows from the times; None for a single frame or times that are not evenly spaced. Raises
+    `fps` follows from the times; None for a single frame, uneven times, and times that count frames. Raises
     `FileNotFoundError`, or `ValueError` where the file is not as long as its header says.
     """
     path = Path(path)
     times, points = read_times(path)
     stored = np.memmap(path, ">f4", "r", _HEADER.size + 4 * len(times), (len(times), points, 3))
     vertices = Frames(stored.shape, lambda start, stop: stored[start:stop].astype(np.float32))
-    return MeshCache(vertices, None, None, None, _rate(times), None, None)
+    return MeshCache(vertices, None, None, None, rate_of_times(times), None, None)
 
 
 def read_times(path: Path) -> tuple[np.ndarray, int]:
@@ -47,21 +48,6 @@ def read_times(path: Path) -> tuple[np.ndarray, int]:
                 f"points, which take {expected}; copy or export it again."
             )
         return np.frombuffer(file.read(4 * frames), ">f4").astype(np.float64), points
-
-
-def _rate(times: np.ndarray) -> float | None:
-    """Return the frames a second of evenly spaced times, None otherwise; float32's rounding is allowed."""
-    if len(times) < 2 or not np.isfinite(times).all() or times[-1] <= times[0]:
-        return None
-    step = (times[-1] - times[0]) / (len(times) - 1)
-    even = times[0] + step * np.arange(len(times))
-    rounding = 2**-23 * np.abs(times).max()
-    if np.abs(times - even).max() > 0.01 * step + rounding:
-        return None
-    rate = 1 / step
-    # The times are rounded to float32, so a rate of 30 comes out as 29.999998: said as it was meant.
-    whole = round(rate)
-    return float(whole) if abs(rate - whole) <= rate * 2 * rounding / (times[-1] - times[0]) else rate
 
 
 def write_mdd(

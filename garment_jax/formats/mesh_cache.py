@@ -25,6 +25,7 @@ class MeshCache(NamedTuple):
     fps: float | None  # frames a second, None where the format does not say
     unit: float | None  # metres per unit of length, None where the format does not say
     up: str | None  # "Y" or "Z", None where the format does not say
+    frames_a_sample: float = 1.0  # of a scene whose rate the file does not say; `vertices` are its samples
 
 
 def files_named_in(path: Path) -> tuple[Path, ...]:

@@ -4,6 +4,7 @@ Header: "POINTCACHE2" and a zero byte, int32 version 1, int32 points, float32 fi
 sample, int32 samples. It says neither triangles nor a frame rate, unit or axis.
 """
 
+import math
 import struct
 from collections.abc import Iterable
 from pathlib import Path
@@ -35,7 +36,7 @@ def read_pc2(path: str | Path) -> MeshCache:
     header = read_pc2_header(path)
     shape = (header.samples, header.points, 3)
     vertices = np.memmap(path, "<f4", "r", _HEADER.size, shape)
-    return MeshCache(vertices, None, None, None, None, None, None)
+    return MeshCache(vertices, None, None, None, None, None, None, header.frames_a_sample)
 
 
 def read_pc2_header(path: Path) -> Pc2Header:
@@ -51,13 +52,15 @@ def read_pc2_header(path: Path) -> Pc2Header:
         raise ValueError(f"{path} is PC2 version {version}, only 1 is known; export it as version 1.")
     if points < 1 or samples < 1:
         raise ValueError(f"{path} announces {samples} frames of {points} points; export it again.")
+    if not (math.isfinite(step) and step >= 0):
+        raise ValueError(f"{path} announces {step} frames a sample; export it again.")
     expected, size = _HEADER.size + 12 * points * samples, path.stat().st_size
     if size != expected:
         raise ValueError(
             f"{path} has {size} bytes, but its header announces {samples} frames of {points} points, which "
             f"take {expected}; copy or export it again."
         )
-    return Pc2Header(points, first, step, samples)
+    return Pc2Header(points, first, step or 1.0, samples)  # 0: its writer left it out
 
 
 def write_pc2(

@@ -20,10 +20,16 @@ class SmplMotion(NamedTuple):
     poses: np.ndarray  # [t, j, 3] float64 rotation vectors, radians, from the parent
     translation: np.ndarray  # [t, 3] float64
     betas: np.ndarray | None  # [k] float64 the body's shape, None where the file does not say
-    fps: float | None  # None where the format does not say
+    fps: float | None  # None where the file does not say
     unit: float | None  # metres per unit
     up: str  # "Y" or "Z"
     notes: tuple[str, ...] = ()
+    usual_fps: float | None = None  # of the format, where its files do not say
+
+    @property
+    def rate(self) -> float | None:
+        """Frames a second: the file's own, else its format's."""
+        return self.fps or self.usual_fps
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -66,12 +72,3 @@ def check_numbers(array: Any, name: str, path: Path) -> np.ndarray:
         what = f"{value:.3g}, as no motion is" if np.isfinite(value) else "not finite"
         raise ValueError(f"{path}: {name!r} is {what}{where}.")
     return array
-
-
-def check_rate(rate: Any, name: str, path: Path) -> float:
-    """Return a rate in frames a second; `ValueError` for what is none."""
-    value = number_array(rate, name, path)
-    if value.size != 1 or not 1 <= value.item() <= 1e4:
-        shown = f"{value.item():g}" if value.size == 1 else f"of shape {value.shape}"
-        raise ValueError(f"{path}: {name!r} is {shown}, not 1 to 10000 frames a second; give its true rate.")
-    return float(value.item())

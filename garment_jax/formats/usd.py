@@ -50,7 +50,9 @@ def read_usd(path: str | Path, *, mesh: str | None = None, option: str = "--mesh
     shutil.rmtree(folder, ignore_errors=True)  # what is mapped stays, where the system can
     vertices = Frames(stored.shape, lambda start, stop: np.array(stored[start:stop]))
     weakref.finalize(vertices, shutil.rmtree, folder, ignore_errors=True)
-    return MeshCache(vertices, faces, uv, faces_uv, facts["fps"], facts["unit"], facts["up"])
+    return MeshCache(
+        vertices, faces, uv, faces_uv, facts["fps"], facts["unit"], facts["up"], facts["frames_a_sample"]
+    )
 
 
 def layer_files(path: Path) -> tuple[Path, ...]:

@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.rates import rate_of_frame_time, stated_rate
 from garment_jax.formats.limits import check_growth
 from garment_jax.formats.mesh_cache import choose_mesh, fan_corners
 from garment_jax.formats.usd_library import load_pxr
 
 _MOST_FRAMES = 1_000_000  # nine hours at 30 frames a second; a file with more is damaged
 _MOST_LAYERS = 256
+_CODES = 0.1  # time codes a sample; fewer are seconds
 _DENSEST = 4
 _MEMORY, _MEMORY_A_BYTE = (
     400 * 2**20,
@@ -173,13 +175,17 @@ def read_mesh(stage: Any, path: Path, folder: Path, *, mesh: str | None, option:
     texture = {} if uv is None or faces_uv is None else {"uv": uv, "faces_uv": faces_uv}
     with (folder / "arrays.npz").open("wb") as file:
         np.savez(file, faces=faces, **texture)  # pyright: ignore[reportArgumentType]
+    # the library answers 24 where the stage says nothing; such a stage has numbered frames, and no rate
+    seconds = times.step / stage.GetTimeCodesPerSecond()
     rated = any(stage.HasAuthoredMetadata(f"{name}PerSecond") for name in ("timeCodes", "frames"))
     authored = pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage)
     _write(
         folder,
         {
             "shape": (times.count, size, 3),
-            "fps": stage.GetTimeCodesPerSecond() / times.step if rated and times.count > 1 else None,
+            "fps": stated_rate(rate_of_frame_time(seconds)) if rated and times.count > 1 else None,
+            # codes that are no seconds number the frames of a scene
+            "frames_a_sample": times.step if not rated and times.step > _CODES else 1.0,
             "unit": float(pxr.UsdGeom.GetStageMetersPerUnit(stage)) if authored else None,
             "up": str(pxr.UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else None,
         },

@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.rates import RATE_KEYS, rate_in
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.formats.number_arrays import number_array
 from garment_jax.formats.rotation_vectors import SmplMotion, read_poses, read_translation
 
 
 class VirtualBonesClip(NamedTuple):
-    """A simulated clip in its file's own unit, Z up; neither unit nor rate are in the file."""
+    """A simulated clip in its file's own unit, Z up; the unit is not in the file, the rate seldom."""
 
     motion: SmplMotion
     vertices: np.ndarray  # [t, n, 3] float32
@@ -29,7 +30,7 @@ def read_virtual_bones(path: str | Path) -> VirtualBonesClip:
     that are not finite are not looked for in `sim_res`: the clip's reader does.
     """
     path = Path(path)
-    arrays = read_npz(path, ("pose", "trans", "sim_res"))
+    arrays = read_npz(path, ("pose", "trans", "sim_res", *RATE_KEYS))
     missing = [name for name in ("pose", "trans", "sim_res") if name not in arrays]
     if missing:
         raise ValueError(
@@ -44,5 +45,5 @@ def read_virtual_bones(path: str | Path) -> VirtualBonesClip:
         )
     with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and found with the rest
         vertices = vertices.astype(np.float32, copy=False)
-    motion = SmplMotion(poses, translation, None, None, None, "Z")
+    motion = SmplMotion(poses, translation, None, rate_in(arrays, path), None, "Z")
     return VirtualBonesClip(motion, vertices)

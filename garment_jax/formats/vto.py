@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.body.rates import rate_in
 from garment_jax.formats.number_arrays import is_index, number_array
 from garment_jax.formats.pickles import load_pickle
 from garment_jax.formats.rotation_vectors import SmplMotion, check_numbers, read_poses, read_translation
@@ -46,7 +47,7 @@ def read_vto(path: str | Path, content: Any = None) -> VtoClip:
     long = "poses" in content
     poses, translation, notes = _split(content, path) if long else _apart(content, path)
     betas = _betas(content, "shapes" if long else "shape", len(poses), path)
-    motion = SmplMotion(poses, translation, betas[0], _FPS, 1.0, "Y", notes)
+    motion = SmplMotion(poses, translation, betas[0], rate_in(content, path), 1.0, "Y", notes, _FPS)
     vertices = _vertices(content, len(poses), path)
     return VtoClip(motion, vertices, _faces(content, vertices.shape[1], path), betas)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.body.rates import check_lengths, clip_rate
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.own_files import (
@@ -24,7 +25,6 @@ Rig = Callable[[], RiggedBody]
 
 _STRETCH = 2.0  # an edge this many times longer or shorter than in the template is another edge
 _SHARE = 0.1  # of such edges that no cloth has
-_RATE = 0.01  # relative difference of frame rates that are one
 
 
 def mesh_sources(paths: Sequence[Path], options: Options) -> list[Source]:
@@ -71,7 +71,7 @@ def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
 
 def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) -> ForeignClip:
     mesh = read_cache(path, mesh=wardrobe.options.mesh.get("clip"))
-    fps = frame_rate(mesh.fps, wardrobe.options, path)
+    fps = clip_rate(mesh.fps, wardrobe.options.fps, path, frames_a_sample=mesh.frames_a_sample)
     moved = None if rig is None else moving_body(wardrobe, motion_path, rig(), fps)
     dressed = wardrobe.dressed(body=None if moved is None else moved.fitted.body)
     check_count(mesh.vertices.shape[1], dressed.scene.garment, path, wardrobe.garment_path)
@@ -82,7 +82,9 @@ def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) ->
     motion, said = (
         wardrobe.motion(motion_path, fps=fps) if moved is None else (moved.fitted.motion, moved.notes)
     )
-    check_lengths(len(mesh.vertices), len(motion.root), motion.fps, path, motion_path)
+    check_lengths(
+        len(mesh.vertices), len(motion.root), motion.fps, path, motion_path, stated=mesh.fps is not None
+    )
     notes = (*dressed.notes, *place.notes, *said)
     if fps is None:
         notes += (f"{path} does not say its frame rate: taken for the motion's {motion.fps:g} fps",)
@@ -91,11 +93,11 @@ def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) ->
 
 def fitted_once(wardrobe: Wardrobe, motion: Path) -> Rig:
     """Return a function that gives the rig fitted to a body's first motion, and fits it when first asked."""
-    return cache(lambda: moving_body(wardrobe, motion, None, wardrobe.options.fps).fitted.body)
+    return cache(lambda: moving_body(wardrobe, motion, None, None).fitted.body)
 
 
 def moving_body(wardrobe: Wardrobe, motion: Path, rig: RiggedBody | None, fps: float | None) -> VertexBody:
-    """Return the rig and the motion of a body known as vertices; `rig` is one fitted before."""
+    """Return the rig and the motion of a body known as vertices, `fps` of its clip; `rig`: fitted before."""
     o = wardrobe.options
     unit = o.unit.get("motion", o.unit.get("body"))
     return read_vertex_body(
@@ -104,6 +106,8 @@ def moving_body(wardrobe: Wardrobe, motion: Path, rig: RiggedBody | None, fps: f
         unit=unit,
         up=o.up.get("motion", o.up.get("body")),
         fps=fps,
+        scene_fps=o.fps,
+        source_fps=o.source_fps,
         rig=rig,
         mesh=o.mesh.get("motion"),
     )
@@ -147,31 +151,3 @@ def check_vertex_order(V: np.ndarray, garment: Garment, path: Path, garment_path
             f"{path}: in frame 0 the edges are {middle:.3g} times as long as in {garment_path}; give the "
             "unit of each (--clip-unit cm), or export both with the same vertex order."
         )
-
-
-def check_lengths(frames: int, moves: int, fps: float, path: Path, motion_path: Path) -> None:
-    """Raise `ValueError` unless a clip and its motion have as many frames."""
-    if frames != moves and path == motion_path:
-        raise ValueError(
-            f"{path}: its cloth has {frames} frames and its motion {moves} at {fps:g} fps; leave "
-            "--source-fps out, or give --fps the same rate."
-        )
-    if frames != moves:
-        raise ValueError(
-            f"{path} has {frames} frames and {motion_path} {moves} at {fps:g} fps; export both from the same "
-            "first frame to the same last, or give the clip's true rate with --fps, the motion's with "
-            "--source-fps."
-        )
-
-
-def frame_rate(stated: float | None, options: Options, path: Path) -> float | None:
-    """Return a clip's rate: the user's, the one that its file states, or None for its motion's own.
-
-    Raises `ValueError` where the two contradict each other.
-    """
-    if options.fps and stated and abs(stated / options.fps - 1) > _RATE:
-        raise ValueError(
-            f"{path} says {stated:g} fps and --fps {options.fps:g}; cloth is not resampled: leave --fps "
-            "out, or correct it."
-        )
-    return options.fps or stated

@@ -76,14 +76,13 @@ def read_motion(
         option = next(name for name, value in chosen.items() if value)
         raise ValueError(f"{path} holds one motion; leave out --{option}.")
     bvh, gltf = path.suffix.lower() == ".bvh", path.suffix.lower() in (".glb", ".gltf")
-    if gltf and source_fps is not None:
-        raise ValueError(f"{path}: a glTF's keys have times in seconds; leave --source-fps out.")
     try:
         found = read_track(
             path,
             body,
             joints=joints,
             fps=fps,
+            source_fps=source_fps,
             unit=unit,
             up=up,
             rest_up=rest_up,
@@ -91,6 +90,8 @@ def read_motion(
             choice=(animation, mesh, skeleton),
             say=say,
         )
+        if gltf:
+            source_fps = None  # it has counted already
     except ValueError as error:
         raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     rate = found.rate if source_fps is None else source_fps
@@ -123,6 +124,7 @@ def read_track(
     *,
     joints: Mapping[str, str] | None = None,
     fps: float | None = None,
+    source_fps: float | None = None,
     unit: float | str | None = None,
     up: str | None = None,
     rest_up: str | None = None,
@@ -141,12 +143,12 @@ def read_track(
         if settled.note:
             say(settled.note)
         track = smpl_track(motion, body, unit=settled.metres, up=up or motion.up, origin=origin)
-        found = FoundTrack(track._replace(notes=motion.notes), motion.fps, motion.up, 1.0)
+        found = FoundTrack(track._replace(notes=motion.notes), motion.rate, motion.up, 1.0)
     elif suffix == ".h5":
         track, fps = _sequence(path)
         found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0))
     elif suffix in (".glb", ".gltf"):
-        track, fps = _gltf(path, body, fps, choice)
+        track, fps = _gltf(path, body, fps, source_fps, choice)
         found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0))
     else:
         raise ValueError(f"{path} is no motion that is known; give one of {', '.join(SUFFIXES)}.")
@@ -159,13 +161,21 @@ def _gltf(
     path: Path,
     body: RiggedBody,
     fps: float | None,
+    source_fps: float | None,
     choice: tuple[str | None, str | None, str | None],
 ) -> tuple[SkeletonTrack, float]:
     from garment_jax.formats.gltf import read_animation
 
     name, mesh, skeleton = choice
     moved = read_animation(
-        path, name=name, fps=fps or 30.0, mesh=mesh, skeleton=skeleton, like=body.joint_names, part="motion"
+        path,
+        name=name,
+        fps=fps,
+        source_fps=source_fps,
+        mesh=mesh,
+        skeleton=skeleton,
+        like=body.joint_names,
+        part="motion",
     )
     return (
         _track(moved.joint_names, moved.parents, moved.rest, moved.rotations, moved.root)._replace(

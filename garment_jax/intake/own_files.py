@@ -87,9 +87,18 @@ class Wardrobe:
         return self._dress(betas, body)[0]
 
     def motion(
-        self, path: Path, betas: np.ndarray | None = None, *, fps: float | None = None, centre: bool = False
+        self,
+        path: Path,
+        betas: np.ndarray | None = None,
+        *,
+        fps: float | None = None,
+        source_fps: float | None = None,
+        centre: bool = False,
     ) -> tuple[Motion, tuple[str, ...]]:
-        """Return a motion of the body, at `fps` (None: its own), and what was decided."""
+        """Return a motion of the body, at `fps` (None: its own), and what was decided.
+
+        `source_fps`: the file's true rate, where its reader knows better than the user's option.
+        """
         dressed, origin = self._dress(betas)
         o = self.options
         # the motion in the body's own file is that of the body that was chosen there
@@ -100,7 +109,7 @@ class Wardrobe:
             path,
             dressed.scene.body,
             fps=fps,
-            source_fps=o.source_fps,
+            source_fps=source_fps or o.source_fps,
             joints=None if o.joints is None else read_joint_table(o.joints),
             skip=o.skip,
             floor=o.floor,

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from garment_jax.body.fitted_rig import JOINTS, FittedRig, rig_from_vertices
+from garment_jax.body.rates import body_rate
 from garment_jax.data.validation import check_size
 from garment_jax.formats.mesh_cache import MeshCache, read_cache
 from garment_jax.formats.obj import read_obj
@@ -32,6 +33,8 @@ def read_vertex_body(
     unit: float | str | None = None,
     up: str | None = None,
     fps: float | None = None,
+    scene_fps: float | None = None,
+    source_fps: float | None = None,
     joints: int = JOINTS,
     rig: RiggedBody | None = None,
     mesh: str | None = None,
@@ -42,12 +45,20 @@ def read_vertex_body(
 
     `unit` ("cm", "m", … or metres per unit) and `up` ("Y" or "Z") are those of both files; without them the
     cache's own, and metres and Y, said in the note, where it does not say and the mesh has a body's size.
-    `mesh`: the one to take of a cache that holds several. `fps` only where the cache has none. `rig` is a
-    body fitted before, whose motion alone is sought. Raises `FileNotFoundError`, `OSError`, or `ValueError`
-    for what does not fit or for a mean residual above `most_residual` cm (None allows any).
+    `mesh`: the one to take of a cache that holds several. `fps` is its cloth's rate, `scene_fps` and
+    `source_fps` are the user's (`body.rates.body_rate`). `rig` is a body fitted before, whose motion
+    alone is sought. Raises `FileNotFoundError`, `OSError`, or `ValueError` for what does not fit or for a
+    mean residual above `most_residual` cm (None allows any).
     """
     body, moving = read_obj(rest), read_cache(cache, mesh=mesh, option="--motion-mesh")
-    rate = _frame_rate(moving, fps, cache)
+    rate = body_rate(
+        moving.fps,
+        Path(cache),
+        clip=fps,
+        scene_fps=scene_fps,
+        source_fps=source_fps,
+        frames_a_sample=moving.frames_a_sample,
+    )
     _check_same_mesh(body.vertices, body.faces, moving, rest, cache)
     size = float(np.ptp(body.vertices, axis=0).max())
     taken, axis = settle_unit(moving.unit, unit, size, f"the body {rest}"), up or moving.up or "Y"
@@ -82,15 +93,6 @@ class _Converted:
 
     def __getitem__(self, frames: slice) -> np.ndarray:
         return to_metres_y_up(np.asarray(self._vertices[frames], np.float32), self._scale, self._up)
-
-
-def _frame_rate(moving: MeshCache, fps: float | None, cache: str | Path) -> float:
-    if fps is not None and moving.fps is not None and abs(fps / moving.fps - 1) > 1e-2:
-        raise ValueError(f"{cache} says {moving.fps:g} fps and you {fps:g}; leave out the frame rate.")
-    rate = moving.fps or fps
-    if rate is None or not 0 < rate < 1000:
-        raise ValueError(f"{cache} has no frame rate (found {rate}); give the true one.")
-    return float(rate)
 
 
 def _check_same_mesh(

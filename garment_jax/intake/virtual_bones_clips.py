@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from garment_jax.body.rates import check_lengths, shared_rate
 from garment_jax.formats.virtual_bones import read_virtual_bones
-from garment_jax.intake.mesh_clips import check_count, check_lengths, check_vertex_order, placed_windows
+from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
 from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 
@@ -19,7 +20,7 @@ def virtual_bones_sources(paths: Sequence[Path], options: Options) -> list[Sourc
         raise ValueError(f"{paths[0]}: the data has no body, only its poses; name a SMPL-H body with --body.")
     check_with_cloth(options, paths[0], own_motion=True)
     garment = options.garment or paths[0].parent / "template.obj"
-    wardrobe = Wardrobe(options._replace(garment=garment, source_fps=options.source_fps or options.fps))
+    wardrobe = Wardrobe(options._replace(garment=garment))
 
     def source(path: Path) -> Source:
         name = f"{path.resolve().parent.name}_{path.stem}"
@@ -35,7 +36,9 @@ def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
     check_count(clip.vertices.shape[1], garment, path, wardrobe.garment_path)
     place = settle_place(wardrobe.options, "clip", clip.vertices[0], path, up=clip.motion.up)
     check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
-    motion, said = wardrobe.motion(path)
+    o, stated = wardrobe.options, clip.motion.fps
+    fps = shared_rate(stated, o.fps, o.source_fps, path, usual=None)
+    motion, said = wardrobe.motion(path, fps=fps, source_fps=fps)
     check_lengths(len(clip.vertices), len(motion.root), motion.fps, path, path)
     notes = (*dressed.notes, *place.notes, *(note for note in said if "the garment" not in note))
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)

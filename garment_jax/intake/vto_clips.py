@@ -5,15 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.body.rates import check_lengths, shared_rate
 from garment_jax.data.obj import read_garment
 from garment_jax.formats.vto import VtoClip, read_vto
-from garment_jax.intake.mesh_clips import (
-    check_count,
-    check_lengths,
-    check_vertex_order,
-    frame_rate,
-    placed_windows,
-)
+from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
 from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 from garment_jax.structs import Garment
@@ -56,7 +51,8 @@ def _beyond(garment: Path) -> bool:
 
 def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
     clip = read_vto(path)
-    fps = frame_rate(clip.motion.fps, wardrobe.options, path)
+    o, said = wardrobe.options, clip.motion
+    fps = shared_rate(said.fps, o.fps, o.source_fps, path, usual=said.usual_fps)
     betas = _shape(clip, path)
     dressed = wardrobe.dressed(betas)
     garment = dressed.scene.garment
@@ -66,7 +62,7 @@ def _read(path: Path, wardrobe: Wardrobe) -> ForeignClip:
         wardrobe.options, "clip", clip.vertices[0], path, unit=clip.motion.unit, up=clip.motion.up
     )
     check_vertex_order(place(clip.vertices[:1])[0], garment, path, wardrobe.garment_path)
-    motion, said = wardrobe.motion(path, betas, fps=fps)
+    motion, said = wardrobe.motion(path, betas, fps=fps, source_fps=fps)
     check_lengths(len(clip.vertices), len(motion.root), motion.fps, path, path)
     notes = (*dressed.notes, *said)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(clip.vertices, place, size), notes)

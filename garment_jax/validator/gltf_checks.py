@@ -14,7 +14,7 @@ def check_animation(
     path: Path, *, fps: float | None = None, name: str | None = None, skeleton: str | None = None
 ) -> list[Finding]:
     """Return the findings on a motion without a body, as `import` samples it; raises as `read_animation`."""
-    moved = read_animation(path, name=name, fps=fps or 30.0, skeleton=skeleton)
+    moved = read_animation(path, name=name, fps=None, source_fps=fps, skeleton=skeleton)
     size = float(np.ptp(moved.rest, axis=0).max())
     units = " or ".join(likely_units(size)) or "an unknown unit"
     found = [Finding("skeleton unit", "ok", f"{size:.4g} m large in its rest pose ({units})")]

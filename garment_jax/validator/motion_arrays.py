@@ -26,7 +26,7 @@ def check_motion_arrays(
     refused = None
     try:
         motion, _ = read_smpl_motion(path, content)
-        fps = fps or motion.fps
+        fps = fps or motion.rate
     except (ValueError, OSError) as error:
         refused = refusal(error, path)
     usable = {}

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.joint_names import roles_of
 from garment_jax.body.local_axes import NEEDED
+from garment_jax.body.rates import RATE_KEYS, rate_of_frame_time
 from garment_jax.body.retarget import settle_world
 from garment_jax.body.skeleton_track import SkeletonTrack, world_positions
 from garment_jax.body.up_axis import axis_name, leg_length
@@ -27,8 +28,8 @@ PERSON_LEGS = 1.0  # a person's height over the length of both legs, about
 _SIDES = "name left and right joints as the knees bend and the toes point"
 _LIMB = 0.25  # metres: what a joint's own turn moves, where there is no skeleton
 _POSES, _PLACES = ("poses", "pose", "smpl_poses"), ("trans", "translation", "smpl_trans")
-_RATES, _FRAMES = ("mocap_framerate", "mocap_frame_rate", "fps"), ("vertices", "sim_res")
-READ = (*_POSES, *_PLACES, *_RATES, *_FRAMES, "faces", "smpl_scaling")  # arrays that are looked at
+_FRAMES = ("vertices", "sim_res")
+READ = (*_POSES, *_PLACES, *RATE_KEYS, *_FRAMES, "faces", "smpl_scaling")  # arrays that are looked at
 
 
 def check_bvh(path: Path, *, fps: float | None = None) -> list[Finding]:
@@ -42,7 +43,7 @@ def check_bvh(path: Path, *, fps: float | None = None) -> list[Finding]:
         ]
     found = [Finding("frames", "note", note) for note in clip.notes]
     found += _skeleton(clip, points)
-    rate = fps or 1.0 / clip.frame_time
+    rate = fps or rate_of_frame_time(clip.frame_time)
     return [*found, *check_track(points * (PERSON / size), rate, usual=HEADER_USUAL)]
 
 
@@ -80,7 +81,7 @@ def is_motion(arrays: Mapping[str, Any]) -> bool:
 def check_arrays(arrays: Mapping[str, Any], *, fps: float | None = None) -> list[Finding]:
     """Return the findings on poses `[t, 3 j]`, root positions `[t, 3]` and vertices `[t, n, 3]`, by name."""
     poses, places = _first(arrays, _POSES), _first(arrays, _PLACES)
-    vertices, rate = _first(arrays, _FRAMES), _first(arrays, _RATES)
+    vertices, rate = _first(arrays, _FRAMES), _first(arrays, RATE_KEYS)
     found = [_frame_counts({"poses": poses, "root": places, "vertices": vertices})]
     if found[0].severity == "error":
         return found

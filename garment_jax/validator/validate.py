@@ -220,7 +220,7 @@ def _check_gltf(path: Path, options: Options) -> tuple[str, list[Finding]]:
     found = _check_any_body(path, mesh=options.mesh, skeleton=options.skeleton)
     if options.animation is not None:
         named = {"name": options.animation, "mesh": options.mesh, "skeleton": options.skeleton}
-        moved = read_animation(path, fps=options.fps or 30.0, **named)
+        moved = read_animation(path, fps=None, source_fps=options.fps, **named)
         found.append(Finding("animation", "ok", f"{len(moved.root)} frames at {moved.fps:g} frames a second"))
     return "body", found
 
@@ -232,9 +232,8 @@ def _check_any_body(path: Path, *, mesh: str | None = None, skeleton: str | None
 
 def _check_cache(path: Path, options: Options, template: np.ndarray | None) -> list[Finding]:
     cache = read_cache(path, mesh=options.mesh)
-    found = check_points(
-        cache.vertices, cache.faces, options.fps or cache.fps, unit=cache.unit, template=template
-    )
+    given = None if options.fps is None else options.fps / cache.frames_a_sample
+    found = check_points(cache.vertices, cache.faces, given or cache.fps, unit=cache.unit, template=template)
     if cache.up == "Z":
         found.append(Finding("up axis", "note", "the file says Z", remedy="it is turned when it is imported"))
     return found

@@ -26,7 +26,27 @@ def test_what_was_written_is_read_without_loading_it(tmp_path: Path):
     cache = read_cache(tmp_path / "a.pc2")
     assert isinstance(cache.vertices, np.memmap)
     np.testing.assert_array_equal(cache.vertices, FRAMES)
-    assert cache[1:] == (None,) * 6
+    assert cache[1:] == (*(None,) * 6, 1.0)
+
+
+@pytest.mark.parametrize(("said", "frames"), [(0.5, 0.5), (2.0, 2.0), (0.0, 1.0)])
+def test_frames_a_sample_are_handed_on(tmp_path: Path, said: float, frames: float):
+    """0 is what writers leave that do not know the field."""
+    write_pc2(tmp_path / "a.pc2", [FRAMES], 5, 7)
+    stored = bytearray((tmp_path / "a.pc2").read_bytes())
+    stored[24:28] = struct.pack("<f", said)
+    (tmp_path / "a.pc2").write_bytes(stored)
+    assert read_cache(tmp_path / "a.pc2").frames_a_sample == frames
+
+
+@pytest.mark.parametrize("said", [-1.0, float("nan"), float("inf")])
+def test_absurd_frames_a_sample_are_refused(tmp_path: Path, said: float):
+    write_pc2(tmp_path / "a.pc2", [FRAMES], 5, 7)
+    stored = bytearray((tmp_path / "a.pc2").read_bytes())
+    stored[24:28] = struct.pack("<f", said)
+    (tmp_path / "a.pc2").write_bytes(stored)
+    with pytest.raises(ValueError, match="frames a sample; export it again"):
+        read_cache(tmp_path / "a.pc2")
 
 
 def test_another_number_of_frames_is_refused(tmp_path: Path):

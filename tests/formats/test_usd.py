@@ -58,7 +58,8 @@ def test_transforms_above_the_mesh_are_applied_at_their_time(tmp_path: Path):
         move.Set(Gf.Vec3d(t, 0, 0), t)
     stage.Save()
     cache = read_cache(tmp_path / "a.usda")
-    assert cache.fps is None  # no rate is authored: 24 would be a guess
+    assert cache.fps is None  # the library would answer 24 time codes a second
+    assert cache.frames_a_sample == 2
     np.testing.assert_array_equal(cache.vertices[2], 2 * SQUARE + np.float32([4, 0, 0]))
 
 

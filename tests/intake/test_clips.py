@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import struct
 from pathlib import Path
 
 import h5py
@@ -251,7 +252,7 @@ def test_a_clip_to_test_on_is_not_left_among_those_to_train_on(case: Path, capsy
         (["walk.pc2", *OWN, *BVH, "--floor"], "walk.pc2: --floor would lift the body out of its cloth"),
         (["skirt", "--body", "smpl.pkl", "--skip", "2"], "--skip 2 would drop frames of the body"),
         (["dress02", "--body", "smpl.pkl", *LYING, "--skip", "1"], "--skip 1 would drop frames of the body"),
-        (["skirt", "--body", "smpl.pkl", "--source-fps", "60"], "6 frames and its motion 3 at 30 fps; leave"),
+        (["skirt", "--body", "smpl.pkl", "--source-fps", "60", "--fps", "30"], "two rates for a file"),
     ],
 )  # fmt: skip
 def test_options_that_part_body_and_cloth_are_refused(case: Path, words, sentence, capsys):
@@ -271,10 +272,24 @@ def test_rates_of_television_lose_no_frame(case: Path, fps: float):
         assert clip.frames == 40
 
 
-def test_a_gltf_keeps_its_time(case: Path, capsys):
-    words = ["import", "me.glb", "--garment", "skirt.obj", "--body", "me.glb", "--out", "clips"]
-    assert garment_jax([*words, "--source-fps", "60"]) == 2
-    assert "me.glb: a glTF's keys have times in seconds; leave --source-fps out." in capsys.readouterr().err
+def test_a_rate_counts_for_cloth_and_motion_of_one_file(case: Path):
+    assert garment_jax(["import", "skirt", "--body", "smpl.pkl", "--source-fps", "60", "--out", "clips"]) == 0
+    for path in Path("clips/train").iterdir():
+        with open_sequence(path) as clip:
+            assert clip.fps == 60
+            assert clip.frames == 6
+
+
+def test_samples_of_a_scene_are_counted(case: Path):
+    """The header's 0.5 frames a sample: at 30 frames a second 60 samples, and the motion is brought to it."""
+    stored = bytearray((case / "walk.pc2").read_bytes())
+    stored[24:28] = struct.pack("<f", 0.5)
+    (case / "walk.pc2").write_bytes(stored)
+    assert garment_jax(["import", "walk.pc2", *OWN, *BVH, "--fps", "15", "--out", "clips"]) == 0
+    with open_sequence("clips/train/walk.h5") as clip:
+        assert clip.fps == 30
+        assert clip.frames == FRAMES
+    assert garment_jax(["import", "walk.pc2", *OWN, *BVH, "--out", "other"]) == 2
 
 
 @pytest.mark.parametrize(

@@ -244,7 +244,7 @@ BROKEN: dict[str, tuple[dict, str]] = {
     "not finite": ({"poses": np.full((4, 156), np.nan)}, "'poses' is not finite in frame 0; cut that part"),
     "an absurd rate": (
         {"mocap_framerate": np.array(0.0)},
-        "'mocap_framerate' is 0, not 1 to 10000 frames",
+        "'mocap_framerate' is 0.0, not 1 to 10000 frames",
     ),
     "text": ({"trans": np.array(["a"])}, "'trans' is of type <U1, not an array of numbers"),
     "no frames": (
