@@ -128,7 +128,7 @@ def test_a_body_of_vertices_has_its_cloths_rate():
 
 def test_refusals_do_not_contradict_each_other():
     """Where a file states its rate, --fps would be refused: the sentence on lengths does not ask for it."""
-    with pytest.raises(ValueError, match=r"33 at the 30 fps.*--fps, the motion's with --source-fps"):
+    with pytest.raises(ValueError, match=r"33 at 30 fps.*--fps, the motion's with --source-fps"):
         check_lengths(41, 33, 30.0, PATH, Path("walk.bvh"))
     with pytest.raises(
         ValueError, match=r"33 at its 24 fps; .*or give the motion's true rate with --source-fps"
