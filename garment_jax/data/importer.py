@@ -26,6 +26,7 @@ from garment_jax.data.packed_clip import (
 from garment_jax.data.sequence_writer import SequenceWriter
 from garment_jax.formats.damage import reads_foreign
 from garment_jax.storage.lock import lock_name, locked
+from garment_jax.storage.scratch import sweep
 from garment_jax.structs import Scene
 
 SPLITS = ("train", "test")
@@ -97,6 +98,7 @@ def import_clip(
         content = _content_hash([source, *(asset for asset in assets if asset is not None)])
         with locked(Path(out), f"importing {name}", name=lock_name(name)):
             if stored_hash(path) == content:
+                sweep(path.parent)  # what a run left that was killed between writing and tidying
                 return ImportedClip(source, path, frames, skipped=True)
             _check_replaceable(path, source, attributes)
             scene = read_scene(file, assets, str(source))

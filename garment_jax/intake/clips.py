@@ -22,6 +22,7 @@ from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
 from garment_jax.storage.lock import lock_name, locked
+from garment_jax.storage.scratch import sweep
 
 _BLOCK = 2**20  # bytes hashed at once
 
@@ -96,6 +97,7 @@ def _import_source(source: Source, path: Path, settings: str, progress: Callable
     _check_replaceable(path, source)
     _check_replaceable(elsewhere, source)
     if stored_hash(path) == content and not elsewhere.exists():
+        sweep(path.parent)  # what a run left that was killed between writing and tidying
         return Outcome(source.path, path, _frames_of(path), "", skipped=True)
     clip = source.read()
     where = str(source.path)

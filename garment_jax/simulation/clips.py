@@ -29,6 +29,7 @@ from garment_jax.simulation.screening import Screen, ScreenLimits, faults, scree
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, check_motion
 from garment_jax.storage.lock import locked
+from garment_jax.storage.scratch import sweep
 from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion, Scene
 
@@ -130,6 +131,8 @@ def _simulate_missing(
     }
     if len(todo) < len(jobs):
         progress(f"{len(jobs) - len(todo)} of {len(jobs)} clips are there already")
+    for folder in {path.parent for path in paths}:
+        sweep(folder)  # what a run left that was killed between writing and tidying
     if not todo:
         return [outcomes[i] for i in range(len(jobs))]
     from garment_jax.simulation.newton_cloth import drape

@@ -12,6 +12,7 @@ from garment_jax.data.sequence_writer import DEFAULT_SCALE, SequenceWriter
 from garment_jax.formats.damage import reading
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.intake.finding import Finding, Repair
+from garment_jax.storage.scratch import sweep
 from garment_jax.storage.whole import written_whole
 from garment_jax.structs import RiggedBody
 from garment_jax.validator.body_checks import body_unit, check_weights
@@ -131,6 +132,7 @@ def _refuse_blocking(found: Sequence[Finding], clip: RawClip) -> None:
 
 def _check_free(to: Path) -> None:
     if to.exists():
+        sweep(to.parent)
         raise ValueError(f"{to} is there already; move it away, or name another --out.")
 
 
