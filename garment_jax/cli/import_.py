@@ -104,12 +104,14 @@ def run(options: argparse.Namespace) -> None:
 
 def _import_packed(options: argparse.Namespace) -> None:
     from garment_jax.data.importer import import_clips
+    from garment_jax.validator.written_clip import refuse_errors
 
     ignored = [name for name in FOREIGN if getattr(options, name) not in (None, [], 0, False)]
     if ignored:
         raise ValueError(f"--{ignored[0].replace('_', '-')}: packed clips say that themselves; leave it out.")
     show = partial(print, flush=True)
-    clips = import_clips(options.paths, options.out, body=options.body, progress=show)
+    check = partial(refuse_errors, packed=True)
+    clips = import_clips(options.paths, options.out, body=options.body, progress=show, check=check)
     kept = [clip for clip in clips if not clip.refused]
     new = sum(not clip.skipped for clip in kept)
     frames = sum(clip.frames for clip in kept)
@@ -123,6 +125,7 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
     from garment_jax.intake.clips import import_sources
     from garment_jax.intake.formats import list_sources
     from garment_jax.intake.sources import Options
+    from garment_jax.validator.written_clip import refuse_errors
 
     own = Options(
         garment=options.garment,
@@ -148,7 +151,12 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
     sources = list_sources(options.paths, kind, own)
     show = partial(print, flush=True)
     outcomes = import_sources(
-        sources, options.out, test=options.test, settings=settings_text(own), progress=show
+        sources,
+        options.out,
+        test=options.test,
+        settings=settings_text(own),
+        progress=show,
+        check=refuse_errors,
     )
     _summarise(options.out, outcomes)
 

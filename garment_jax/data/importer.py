@@ -29,6 +29,7 @@ from garment_jax.storage.lock import lock_name, locked
 from garment_jax.storage.scratch import sweep
 from garment_jax.structs import Scene
 
+Check = Callable[[Path, str], None]  # of a whole file, and the name to blame
 SPLITS = ("train", "test")
 
 
@@ -48,13 +49,15 @@ def import_clips(
     *,
     body: str | Path | None = None,
     progress: Callable[[str], None] = print,
+    check: Check | None = None,
 ) -> list[ImportedClip]:
     """Turn packed clips (files, or folders of `*.h5`) into `OUT/<split>/<name>.h5`, one at a time.
 
     `body` is the rigged body's `.npz`; without it the clip's own `body` attribute is followed, from the
     folder above the clip's. Its `collider.npz` is beside it, `pins.npz` beside the clip. A clip whose
     content (with body, collider and pins) has been imported already is skipped. One that is refused gets a
-    line, and the others go on; a single one raises ValueError or OSError in one sentence.
+    line, and the others go on; a single one raises ValueError or OSError in one sentence. `check` sees every
+    file before it takes its place, and raises `ValueError` to refuse it.
     """
     sources = _list_clips(paths)
     clips: list[ImportedClip] = []
@@ -63,7 +66,7 @@ def import_clips(
         count = f"[{i + 1:>{len(str(len(sources)))}}/{len(sources)}]"
         try:
             taken = [done.path for done in clips if not done.refused]
-            clip = import_clip(source, out, body=body, taken=taken)
+            clip = import_clip(source, out, body=body, taken=taken, check=check)
         except (ValueError, OSError) as error:
             if len(sources) == 1:
                 raise
@@ -78,7 +81,12 @@ def import_clips(
 
 @reads_foreign
 def import_clip(
-    source: str | Path, out: str | Path, *, body: str | Path | None = None, taken: Iterable[Path] = ()
+    source: str | Path,
+    out: str | Path,
+    *,
+    body: str | Path | None = None,
+    taken: Iterable[Path] = (),
+    check: Check | None = None,
 ) -> ImportedClip:
     """Turn one packed clip into a sequence file (see `import_clips`); refuse a path in `taken`."""
     source = Path(source)
@@ -103,7 +111,8 @@ def import_clip(
             _check_replaceable(path, source, attributes)
             scene = read_scene(file, assets, str(source))
             attributes |= {"name": name, "kind": "simulated", "content_hash": content}
-            _write(path, file, scene, attributes, str(source))
+            looked = None if check is None else lambda made: check(made, str(source))
+            _write(path, file, scene, attributes, str(source), looked)
     return ImportedClip(source, path, frames, skipped=False)
 
 
@@ -135,11 +144,18 @@ def _content_hash(paths: Iterable[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _write(path: Path, file: h5py.File, scene: Scene, attributes: dict, where: str) -> None:
+def _write(
+    path: Path,
+    file: h5py.File,
+    scene: Scene,
+    attributes: dict,
+    where: str,
+    check: Callable[[Path], None] | None,
+) -> None:
     motion = read_motion(file, float(attributes["fps"]), where)
     delta = dataset(file, "vertices_delta", where)
     scale = attributes_of(delta, where)["scale"]
-    with SequenceWriter(path, scene, motion, scale=scale, attributes=attributes) as writer:
+    with SequenceWriter(path, scene, motion, scale=scale, attributes=attributes, check=check) as writer:
         start = 0
         for steps in decode_steps(delta):
             window = slice(start, start + len(steps))

@@ -1,6 +1,7 @@
 """Writing a sequence file: frames are appended as they are made, the file appears when it is whole."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -32,7 +33,8 @@ class SequenceWriter:
     `encoding="int16"` stores positions relative to the motion's root in steps of `scale` metres and
     refuses what is out of reach; "float32" stores world metres; "none" stores a motion alone, to be
     animated (attribute kind = "motion", nothing to append). `attributes` are free (name, source,
-    split, kind = "simulated" or "predicted", …).
+    split, kind = "simulated" or "predicted", …). `check` is called with the whole file before it takes its
+    place; what it raises keeps it from there.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class SequenceWriter:
         encoding: str = "int16",
         scale: float = DEFAULT_SCALE,
         attributes: dict | None = None,
+        check: Callable[[Path], None] | None = None,
     ) -> None:
         self.path = Path(path)
         check_name(self.path)
@@ -67,6 +70,7 @@ class SequenceWriter:
         self._motion_only = encoding == "none"
         if self._motion_only:
             self._attributes["kind"] = MOTION_ONLY
+        self._check = check
         self._written = 0
         self._scratch: Path | None = None
         self._disk: GuardedFile | None = None
@@ -126,6 +130,8 @@ class SequenceWriter:
             self._close()
             self._check_disk()
             assert self._scratch is not None
+            if self._check is not None:
+                self._check(self._scratch / self.path.name)
             os.replace(self._scratch / self.path.name, self.path)
         except BaseException:
             self._discard()

@@ -27,6 +27,9 @@ from garment_jax.storage.scratch import sweep
 _BLOCK = 2**20  # bytes hashed at once
 
 
+Check = Callable[[Path, str], None]  # of a whole file, and the name to blame
+
+
 class Outcome(NamedTuple):
     """What became of a clip."""
 
@@ -45,13 +48,15 @@ def import_sources(
     test: Sequence[str] = (),
     settings: str = "",
     progress: Callable[[str], None] = print,
+    check: Check | None = None,
 ) -> list[Outcome]:
     """Turn `sources` into `OUT/<train|test>/<name>.h5`, one at a time; `test` names those to test on.
 
     `settings` is a text of the options that shape the result: together with the files' content it says
     whether a clip is there already. A clip made from the same file before is replaced, and moves where
     `test` now says otherwise; one made from anything else stays, and the new one is refused. A clip that is
-    refused gets a line and the others go on; a single one raises. Raises `ValueError` for two clips of one
+    refused gets a line and the others go on; a single one raises. `check` sees every file before it takes its
+    place, and raises `ValueError` to refuse it. Raises `ValueError` for two clips of one
     name and for a test clip that is not there.
     """
     names = [source.name for source in sources]
@@ -64,7 +69,7 @@ def import_sources(
         try:
             hold = locked(out, f"importing {source.name}", name=lock_name(source.name))
             with hold, reading(source.path):
-                outcome = _import_source(source, path, settings, progress)
+                outcome = _import_source(source, path, settings, progress, check)
         except (ValueError, OSError) as error:
             if len(sources) == 1:
                 raise
@@ -91,7 +96,9 @@ def _check_names(sources: Sequence[Source], test: Sequence[str]) -> None:
         raise ValueError(f"--test {missing[0]}: there is no such clip; there are {', '.join(seen)}.")
 
 
-def _import_source(source: Source, path: Path, settings: str, progress: Callable[[str], None]) -> Outcome:
+def _import_source(
+    source: Source, path: Path, settings: str, progress: Callable[[str], None], check: Check | None
+) -> Outcome:
     content = _content_hash(source.files, settings)
     elsewhere = path.parent.parent / ("train" if path.parent.name == "test" else "test") / path.name
     _check_replaceable(path, source)
@@ -107,23 +114,32 @@ def _import_source(source: Source, path: Path, settings: str, progress: Callable
     file = source.path.name
     attributes = {"name": source.name, "content_hash": content, "source": file, "imported_from": file}
     frames = len(clip.motion.root)
+    looked = None if check is None else lambda made: check(made, where)
     if clip.windows is None:
-        with SequenceWriter(path, clip.scene, clip.motion, encoding="none", attributes=attributes):
+        writer = SequenceWriter(
+            path, clip.scene, clip.motion, encoding="none", attributes=attributes, check=looked
+        )
+        with writer:
             pass
     else:
         attributes |= {"kind": "simulated", "split": path.parent.name}
-        _write(path, clip, attributes, where)
+        _write(path, clip, attributes, where, looked)
     if elsewhere.exists():  # a clip to train on must not be one to test on
         elsewhere.unlink()
         progress(f"{elsewhere} is gone: the clip is {path} now")
     return Outcome(source.path, path, frames, body_hash(clip.scene.body))
 
 
-def _write(path: Path, clip: ForeignClip, attributes: dict, where: str) -> None:
+def _write(
+    path: Path, clip: ForeignClip, attributes: dict, where: str, check: Callable[[Path], None] | None
+) -> None:
     """Write the frames by windows: as int16, or as float32 where the garment reaches farther."""
     assert clip.windows is not None
     encoding = choose_encoding(clip, where)
-    with SequenceWriter(path, clip.scene, clip.motion, encoding=encoding, attributes=attributes) as writer:
+    writer = SequenceWriter(
+        path, clip.scene, clip.motion, encoding=encoding, attributes=attributes, check=check
+    )
+    with writer:
         for V in clip.windows(WINDOW):
             writer.append(V)
 
