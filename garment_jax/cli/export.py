@@ -62,7 +62,8 @@ def _size(size: int) -> str:
 def _run_onnx(options: argparse.Namespace, given: dict) -> None:
     """Export a run's or a model's step function; options of clips have no meaning there."""
     if given:
-        names = ", ".join(f"--{name.replace('_', '-')}".replace("--body", "--no-body") for name in given)
+        said = ["no-body" if name == "body" else name.replace("_", "-") for name in given]
+        names = ", ".join(f"--{name}" for name in said)
         raise ValueError(f"{names}: for sequences, not for --format onnx; leave out.")
     if options.clip is None:
         raise ValueError(

@@ -82,7 +82,7 @@ def check_graphs(
         if not value < allowed:
             raise ValueError(
                 f"the {name} graph departs from JAX by {value:.3g}, {allowed:g} is allowed; nothing was "
-                "written. Try another --opset or version of onnxruntime, and report it."
+                "written. Try another version of onnxruntime, and report it."
             )
     return {f"{name}_departure": float(value) for name, value in found.items()}
 

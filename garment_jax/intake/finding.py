@@ -1,5 +1,6 @@
 """What a check found: one row of the validator's table."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -7,6 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 SEVERITIES = ("ok", "note", "warning", "error")
+
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+# what `validate` has; other options that a reader's sentence names are those of `import` and `simulate`
+_CHECKED_WITH = ("--garment", "--fps", "--mesh", "--skeleton", "--animation", "--out", "--fix")
 
 
 class Repair(NamedTuple):
@@ -54,6 +59,8 @@ def refusal(error: Exception, path: Path) -> Finding:
     """Return a reader's sentence as a finding."""
     text = str(error).removeprefix(str(path)).lstrip(": ").rstrip(".")
     value, _, remedy = text.partition("; ")
+    lacking = [option for option in _OPTION.findall(remedy) if option not in _CHECKED_WITH]
+    remedy += " when it is imported" if lacking else ""
     if "packed for transport" in text:
         return Finding("readable", "note", value, remedy=remedy or "import it first")
     return Finding("readable", "error", value, remedy=remedy)

@@ -125,9 +125,7 @@ def _refuse_blocking(found: Sequence[Finding], clip: RawClip) -> None:
         raise ValueError("it has no frame rate; give its true one with --fps.")
     uv = clip.scene.garment.uv
     if uv.min() < -1e-4 or uv.max() > 1 + 1e-4:
-        raise ValueError(
-            "its UVs are outside 0 … 1; make the clip again from a garment loaded with --fit-uv."
-        )
+        raise ValueError("its UVs are outside 0 … 1; import the clip again with --fit-uv.")
 
 
 def _check_free(to: Path) -> None:

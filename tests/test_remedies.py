@@ -1,0 +1,146 @@
+"""Every option that a sentence of the package names is one that a command which can say it has."""
+
+import argparse
+import ast
+import dataclasses
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from garment_jax.cli import COMMANDS, make_parser
+from garment_jax.config import Config
+from garment_jax.intake.finding import _CHECKED_WITH, refusal
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "garment_jax"
+OPTION = re.compile(r"(?<![\w-])--([a-z][\w.-]*\w)")
+FOREIGN = {"formats/blender.py", "cli/__init__.py"}  # another program's command line; the parser of all
+
+
+def words_of(node: ast.AST) -> str | None:
+    """A string as it stands, with {} for what is filled in; None for what is no string."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(str(v.value) if isinstance(v, ast.Constant) else "{}" for v in node.values)
+    return None
+
+
+def sentences(path: Path) -> Iterator[tuple[int, str]]:
+    """The strings of a module, by line, without its docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    skipped: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr):
+            skipped.add(id(node.value))
+        if isinstance(node, ast.JoinedStr):
+            skipped |= {id(value) for value in node.values}
+    for node in ast.walk(tree):
+        if (words := words_of(node)) is not None and id(node) not in skipped:
+            yield node.lineno, words  # type: ignore[attr-defined]
+
+
+@cache
+def imported(path: Path) -> frozenset[Path]:
+    """The modules of the package that a module names in its imports, those in functions too."""
+    found: set[Path] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            file = ROOT / (name.replace(".", "/") + ".py")
+            if name.startswith("garment_jax.") and file.is_file():
+                found.add(file)
+    return frozenset(found)
+
+
+def reached(start: Path) -> set[Path]:
+    """The modules that `start` imports, directly or not, and itself."""
+    seen, todo = set(), [start]
+    while todo:
+        if (path := todo.pop()) not in seen:
+            seen.add(path)
+            todo += imported(path)
+    return seen
+
+
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    return {name[2:] for action in parser._actions for name in action.option_strings if name[:2] == "--"}
+
+
+def options_of_script(path: Path) -> set[str]:
+    """The options that a script outside the package adds to its parser."""
+    calls = [
+        node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)
+    ]
+    named = [
+        words_of(arg)
+        for call in calls
+        if getattr(call.func, "attr", "") == "add_argument"
+        for arg in call.args
+    ]
+    return {name[2:] for name in named if name and name.startswith("--")}
+
+
+def programs() -> dict[str, tuple[Path, set[str]]]:
+    """Name -> file and options of every command, of train.py and of infer.py."""
+    (commands,) = (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
+    files = [Path(command.__file__ or "") for command in COMMANDS]
+    found = {
+        name: (file, options_of(parser))
+        for (name, parser), file in zip(commands.choices.items(), files, strict=True)
+    }
+    for script in (ROOT / "train.py", ROOT / "infer.py", *sorted((ROOT / "benchmarks").glob("*.py"))):
+        found[script.name] = (script, options_of_script(script))
+    found["train.py"][1].update(KEYS)
+    return found
+
+
+KEYS = {f"{section}.{key}" for section, keys in dataclasses.asdict(Config()).items() for key in keys}
+SECTIONS = "|".join(field.name for field in dataclasses.fields(Config))
+KEY = re.compile(rf"(?<![\w.-])((?:{SECTIONS})\.[a-z_]+)(?![\w/])")
+ROOMS = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+FILES = (".h5", ".npz", ".bin", ".log", ".jsonl", ".toml", ".safetensors", ".tar", ".step")
+PROGRAMS = programs()
+REACHED = {name: reached(file) for name, (file, _) in PROGRAMS.items()}
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if str(path.relative_to(PACKAGE)) not in FOREIGN)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_options_in_sentences_exist(module: Path) -> None:
+    own = [options for name, (_, options) in PROGRAMS.items() if module in REACHED[name]]
+    for line, words in sentences(module):
+        named = [
+            options for name, (_, options) in PROGRAMS.items() if re.search(rf"\b{re.escape(name)}\b", words)
+        ]
+        known = set().union(*own, *named)
+        for option in OPTION.findall(words):
+            assert option in known, f"{module.name}:{line}: no command that says it has --{option}: {words!r}"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_configuration_keys_in_sentences_exist(module: Path) -> None:
+    for line, words in sentences(module):
+        for key in KEY.findall(words) if " " in words else ():
+            section, _, rest = key.partition(".")
+            function = hasattr(import_module(f"garment_jax.{section}"), rest) if section in ROOMS else False
+            assert key in KEYS or function or key.endswith(FILES), (
+                f"{module.name}:{line}: there is no {key}: {words!r}"
+            )
+
+
+def test_validate_says_whose_option_it_names(tmp_path: Path) -> None:
+    """What `validate` has itself stands as it is; the rest is said to be the import's."""
+    path = tmp_path / "me.npz"
+    theirs = refusal(ValueError(f"{path}: the body is 170 m large; give --body-unit, for example cm."), path)
+    assert theirs.remedy == "give --body-unit, for example cm when it is imported"
+    own = refusal(ValueError(f"{path}: it has no rate; give it with --fps."), path)
+    assert own.remedy == "give it with --fps"
+    assert set(_CHECKED_WITH) <= {f"--{option}" for option in PROGRAMS["validate"][1]}
