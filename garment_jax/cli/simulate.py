@@ -250,6 +250,8 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         unit=options.motion_unit,
         up=options.motion_up,
         rest_up=options.body_up,
+        body_file=options.body,
+        body_unit=options.body_unit,
         origin=figure.origin,
         animation=options.animation,
         mesh=options.motion_mesh,

@@ -1,5 +1,6 @@
 """The user's garment and body for imported clips: read once, converted, dressed."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from garment_jax.intake.kinds import CACHES, in_order
 from garment_jax.intake.motions import SUFFIXES, read_motion
 from garment_jax.intake.scenes import DressedScene, dress
 from garment_jax.intake.sources import Options
-from garment_jax.intake.units import settle_unit, to_metres_y_up
+from garment_jax.intake.units import metres_per_unit, settle_unit, to_metres_y_up
 from garment_jax.structs import Garment, Motion, RiggedBody
 
 _FAR = 0.5  # metres from the body in the median: the template is not on it
@@ -64,6 +65,23 @@ def settle_place(
     return Place(settled.metres, axis or "Y", notes)
 
 
+def of_one_file(options: Options, parts: tuple[str, ...], path: Path) -> Options:
+    """Return `options` where a unit or an up axis that is given for one of `parts` holds for all of them.
+
+    The parts are those of a clip that are in one file. Raises `ValueError` where two are given that differ.
+    """
+    changed = {}
+    for what in ("unit", "up"):
+        given: Mapping[str, str] = getattr(options, what)
+        said = {part: given[part] for part in parts if part in given}
+        alike = {metres_per_unit(v, f"--{p}-unit") if what == "unit" else v for p, v in said.items()}
+        if len(alike) > 1:
+            words = " and ".join(f"--{part}-{what} {value}" for part, value in said.items())
+            raise ValueError(f"{path}: {words} speak of one file; leave out the one that is wrong.")
+        changed[what] = {**given, **{part: value for value in said.values() for part in parts}}
+    return options._replace(**changed)
+
+
 class Wardrobe:
     """The garment and the body that the options name; each is read once, a SMPL body once for each shape."""
 
@@ -103,7 +121,9 @@ class Wardrobe:
         o = self.options
         # the motion in the body's own file is that of the body that was chosen there
         named = {"mesh": o.mesh.get("body"), "skeleton": o.skeleton.get("body")}
-        own = named if path == self.body_path else {}
+        same = path.resolve() == self.body_path.resolve()
+        own = named if same else {}
+        unit = o.unit.get("motion", o.unit.get("body") if same else None)
         notes: list[str] = []
         motion = read_motion(
             path,
@@ -114,7 +134,7 @@ class Wardrobe:
             skip=o.skip,
             floor=o.floor,
             centre=centre,
-            unit=o.unit.get("motion"),
+            unit=unit,
             up=o.up.get("motion"),
             rest_up=o.up.get("body"),
             origin=origin,

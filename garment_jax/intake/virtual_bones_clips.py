@@ -6,7 +6,7 @@ from pathlib import Path
 from garment_jax.body.rates import check_lengths, shared_rate
 from garment_jax.formats.virtual_bones import read_virtual_bones
 from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
-from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
+from garment_jax.intake.own_files import Wardrobe, check_with_cloth, of_one_file, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 
 
@@ -19,6 +19,7 @@ def virtual_bones_sources(paths: Sequence[Path], options: Options) -> list[Sourc
     if options.body is None:
         raise ValueError(f"{paths[0]}: the data has no body, only its poses; name a SMPL-H body with --body.")
     check_with_cloth(options, paths[0], own_motion=True)
+    options = of_one_file(options, ("clip", "motion"), paths[0])
     garment = options.garment or paths[0].parent / "template.obj"
     wardrobe = Wardrobe(options._replace(garment=garment))
 

@@ -9,7 +9,7 @@ from garment_jax.body.rates import check_lengths, shared_rate
 from garment_jax.data.obj import read_garment
 from garment_jax.formats.vto import VtoClip, read_vto
 from garment_jax.intake.mesh_clips import check_count, check_vertex_order, placed_windows
-from garment_jax.intake.own_files import Wardrobe, check_with_cloth, settle_place
+from garment_jax.intake.own_files import Wardrobe, check_with_cloth, of_one_file, settle_place
 from garment_jax.intake.sources import ForeignClip, Options, Source
 from garment_jax.structs import Garment
 
@@ -23,6 +23,7 @@ def vto_sources(paths: Sequence[Path], options: Options) -> list[Source]:
     scaled into 0 … 1. Raises `ValueError` without a body and `FileNotFoundError` without a template.
     """
     check_with_cloth(options, paths[0], own_motion=True)
+    options = of_one_file(options, ("clip", "motion"), paths[0])
     garment = options.garment or find_template(paths[0])
     fit = options.fit_uv or (not options.unwrap and _beyond(garment))
     wardrobe = Wardrobe(options._replace(garment=garment, fit_uv=fit))

@@ -182,6 +182,8 @@ def motion_jobs(
     unit: str | None = None,
     up: str | None = None,
     rest_up: str | None = None,
+    body_file: Path | None = None,
+    body_unit: str | None = None,
     origin: np.ndarray | None = None,
     animation: str | None = None,
     mesh: str | None = None,
@@ -190,7 +192,8 @@ def motion_jobs(
 ) -> list[Job]:
     """Return a clip for every motion named, or found in a folder named; those in `test` are for testing.
 
-    The other options as in `read_motion`.
+    The unit of `body_file` is that of a motion in the same file, whose own `unit` is not said. The other
+    options as in `read_motion`.
     Raises `FileNotFoundError` where there is none, `ValueError` for a test clip that no file is named for and
     for a root that jumps, which nothing could be trained on.
     """
@@ -204,6 +207,7 @@ def motion_jobs(
         raise ValueError(f"--test {missing[0]}: there is no such motion; there are {_names(files)}.")
     jobs = []
     for file in files:
+        same = body_file is not None and file.resolve() == body_file.resolve()
         motion = read_motion(
             file,
             body,
@@ -213,7 +217,7 @@ def motion_jobs(
             skip=skip,
             rest_frame=rest_frame,
             floor=floor,
-            unit=unit,
+            unit=body_unit if unit is None and same else unit,
             up=up,
             rest_up=rest_up,
             origin=origin,
