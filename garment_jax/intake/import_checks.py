@@ -9,6 +9,7 @@ from garment_jax.data.validation import FARTHEST, STILL, check_motion, check_sce
 from garment_jax.intake.sources import ForeignClip
 
 WINDOW = 64  # frames in memory at once
+_OUT_OF_SIGHT = 1000.0  # metres from the body's root: no cloth that it wears
 _APART = 0.5  # metres between garment and body that mean another unit, up axis or motion
 
 
@@ -37,8 +38,9 @@ def choose_encoding(clip: ForeignClip, where: str) -> str:
     low = high = None
     encoding, start = "int16", 0
     for V in clip.windows(WINDOW):
-        _check_finite(V, start, where)
-        if np.abs(V - clip.motion.root[start : start + len(V), None]).max() > INT16_REACH:
+        root = clip.motion.root[start : start + len(V), None]
+        _check_places(V, root, start, where)
+        if np.abs(V - root).max() > INT16_REACH:
             encoding = "float32"
         low = V.min(axis=0) if low is None else np.minimum(low, V.min(axis=0))
         high = V.max(axis=0) if high is None else np.maximum(high, V.max(axis=0))
@@ -48,11 +50,20 @@ def choose_encoding(clip: ForeignClip, where: str) -> str:
     return encoding
 
 
-def _check_finite(V: np.ndarray, start: int, where: str) -> None:
+def _check_places(V: np.ndarray, root: np.ndarray, start: int, where: str) -> None:
+    """Raise `ValueError` for a vertex of `V` `[k, n, 3]` that is nowhere, or out of the body's sight."""
     bad = ~(np.abs(V) < FARTHEST).all(axis=2)  # nor NaN
     if bad.any():
         frame, vertex = np.argwhere(bad)[0]
         raise ValueError(
             f"{where}: vertex {vertex} of frame {start + frame} is {V[frame, vertex].tolist()}; cut the clip "
             "before that frame or export it again."
+        )
+    far = (np.abs(V - root) > _OUT_OF_SIGHT).any(axis=2)
+    if far.any():
+        frame, vertex = np.argwhere(far)[0]
+        apart = float(np.linalg.norm(V[frame, vertex] - root[frame, 0]))
+        raise ValueError(
+            f"{where}: vertex {vertex} of frame {start + frame} is {apart:.4g} m from the body's root; cut "
+            "the clip before that frame or export it again."
         )
