@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -158,7 +159,7 @@ def _animate_open(
     model = model if plan.swing else without_swing(model)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
-    figures: list = []
+    figures, known = None, 0
     attributes = {"kind": "predicted", "name": name}
     run = make_animator(
         model,
@@ -176,13 +177,16 @@ def _animate_open(
         for piece in pieces:
             writer.append(piece.V)
             frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
-            figures += [] if piece.collision is None else [piece.collision]
+            if piece.collision is not None:
+                figures = figures or jax.tree.map(partial(_column, len(motion.root)), piece.collision)
+                jax.tree.map(partial(_put, frames - len(piece.V)), figures, piece.collision)
+                known += len(piece.V)
             progress(frames, len(motion.root))
         writer.add_per_frame("outside_training_range", outside)
-        if figures and sum(len(f.outcome) for f in figures) == frames:
-            from garment_jax.collision.sequence import join_figures, per_frame_columns
+        if figures is not None and known == frames:
+            from garment_jax.collision.sequence import per_frame_columns
 
-            for column, values in per_frame_columns(join_figures(figures)).items():
+            for column, values in per_frame_columns(figures).items():
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:
         print(
@@ -191,6 +195,14 @@ def _animate_open(
             file=sys.stderr,
         )
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
+
+
+def _column(frames: int, first: np.ndarray) -> np.ndarray:
+    return np.zeros((frames, *first.shape[1:]), first.dtype)
+
+
+def _put(start: int, column: np.ndarray, values: np.ndarray) -> None:
+    column[start : start + len(values)] = values
 
 
 def _stored_as(sequence: Sequence) -> tuple[str, float]:

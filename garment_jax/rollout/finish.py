@@ -117,7 +117,8 @@ def make_finisher(
                 resolve.append(resolver()())
             if resolve:
                 V, figures = resolve[0](V, posed)
-                figures = jax.tree.map(lambda x: np.asarray(x)[:count], figures)
+                # copies: views would keep every chunk's buffers, kilobytes each, as long as the figures
+                figures = jax.tree.map(lambda x: np.array(x[:count]), jax.device_get(figures))
                 deepest = figures.deepest_before
             placed = np.array(np.asarray(V)[:count], np.float64)  # on the host: a device compiles each length
             placed[:, carried.pins] = pins
