@@ -210,6 +210,7 @@ _POSITIVE = frozenset(
     | {"rows", "columns", "width", "around", "log_every", "chunk", "gain", "reach", "components", "bones"}
 )
 _LARGEST = 2**31 - 1  # of whole numbers but seeds: steps are counted in 32 bits
+_LARGEST_SEED = 2**62
 _PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -227,7 +228,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
         raise FileNotFoundError(f"No configuration file {str(path)!r}; the examples are in configs/.")
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: a number of thousands of digits, too
         raise ValueError(f"{path} is not valid TOML: {error}; correct that line.") from error
     return apply_overrides(from_dict(table, source=str(path)), overrides)
 
@@ -392,6 +393,8 @@ def _inner(hint: Any) -> Any:
 
 def _checked(name: str, hint: Any, value: Any, source: str) -> Any:
     """`value` as the field's type (lists to tuples, integers to floats), or ValueError."""
+    if type(value) is int and abs(value) > _LARGEST_SEED:  # no float may hold it, nor Python print it
+        raise ValueError(f"{source}: {name} is a number of {value.bit_length()} bits; give a smaller one.")
     if _is_union(hint):
         return None if value in (None, "none") else _checked(name, _inner(hint), value, source)
     if get_origin(hint) is tuple:
@@ -419,7 +422,7 @@ def _in_range(name: str, value: float, source: str) -> float:
     if not math.isfinite(value) or value < 0 or (positive and value == 0):
         bound = "greater than 0" if positive else "0 or greater"
         raise ValueError(f"{source}: {name} = {value!r} must be a finite number, {bound}.")
-    largest = _LARGEST if key != "seed" else 2**62
+    largest = _LARGEST if key != "seed" else _LARGEST_SEED
     if isinstance(value, int) and value > largest:
         raise ValueError(f"{source}: {name} = {value} is out of range; give {largest} at most.")
     return value

@@ -122,6 +122,9 @@ def test_overrides_by_type(words: list[str], expected: Kinds) -> None:
         ({"widths": 3}, r"kinds\.widths = 3 must be a list; write \[3\]"),
         ({"widths": [1, "2"]}, r"kinds\.widths = '2' must be a whole number"),
         ({"limit": "many"}, r"kinds\.limit = 'many' must be a whole number"),
+        ({"number": 10**5000}, r"test\.toml: kinds\.number is a number of 16610 bits; give a smaller one"),
+        ({"whole": -(10**400)}, r"kinds\.whole is a number of 1329 bits"),
+        ({"text": 10**5000}, r"kinds\.text is a number of 16610 bits"),
         (
             {"wdths": [1]},
             r"unknown key in \[kinds\] 'wdths'; known are whole, .* mean 'widths'\?",

@@ -13,6 +13,7 @@ from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
 from garment_jax.export.swing_functions import flat, swung, unflat
 from garment_jax.motion.network import MotionCarry
+from garment_jax.rollout.misfit import check_parameters
 from garment_jax.rollout.model import Model, model_input, skinned_template, template_for
 from garment_jax.rollout.step import RolloutState, init_state, step
 from garment_jax.structs import FrameInput, Motion, Scene
@@ -40,6 +41,7 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
     with open_sequence(clip) as sequence:
         scene, motion = sequence.scene, sequence.motion
     template, seeds = template_for(model, scene, str(clip))
+    check_parameters(model, template)
     few = Motion(motion.rotations[:frames], motion.root[:frames], model.fps)
     return StepSubject(model, scene, template, seeds, few, Path(run_or_model).resolve().name)
 

@@ -21,10 +21,12 @@ from garment_jax.data.replaceable import check_animation_out
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.data.start import make_start
+from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
 from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
 from garment_jax.rollout.finish import Chunk, make_finisher
+from garment_jax.rollout.misfit import check_parameters
 from garment_jax.rollout.model import Model, check_rate, facts_of, template_for, without_swing
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.rollers import make_roller
@@ -101,9 +103,21 @@ def make_animator(
         inputs = motion_input(first, scene, seeds, joints)
         V_start = begin(inputs.R_seed, inputs.t_seed)[0]
         pieces = finish(whole, whole.root.astype(np.float64), headings(whole))(roll(whole, V_start))
-        return _without_first(pieces, preroll)
+        return _blaming(_without_first(pieces, preroll), model, template)
 
     return run
+
+
+def _blaming(pieces: Iterator[Chunk], model: Model, template: Template) -> Iterator[Chunk]:
+    """Yield the pieces; say so where they fail because the model's parameters are not its networks'.
+
+    Looked at then, and not before: it would cost every start a second.
+    """
+    try:
+        yield from pieces
+    except Exception:
+        check_parameters(model, template)
+        raise
 
 
 def _without_first(pieces: Iterator[Chunk], skip: int) -> Iterator[Chunk]:

@@ -32,7 +32,8 @@ from garment_jax.structs import Motion, Scene
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 
 
-_WRONG = (ValueError, KeyError, TypeError, AttributeError)  # what JSON of other values leads to
+# what JSON of other values leads to
+_WRONG = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 class Model(NamedTuple):
@@ -237,15 +238,15 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     config = load_config(folder / "config.toml")
     with _damaged(folder):
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
-        _check_facts(facts)
+        _check_facts(facts, FACTS)
         check_sizes(to_dict(config))
         check_together(facts, to_dict(config), folder / "parameters.npz")
         return config, facts
 
 
-def _check_facts(facts: Any) -> None:
+def _check_facts(facts: Any, file: str) -> None:
     if not isinstance(facts, dict):
-        raise ValueError(f"{FACTS} holds no facts")
+        raise ValueError(f"{file} holds no facts")
     vertices, fps = facts.get("vertices"), facts.get("fps")
     for name, value, right in (
         ("garment_hash", facts.get("garment_hash"), isinstance(facts.get("garment_hash"), str)),
@@ -253,7 +254,7 @@ def _check_facts(facts: Any) -> None:
         ("fps", fps, isinstance(fps, int | float) and 0 < fps < 10_000),
     ):
         if not right:
-            raise ValueError(f"{FACTS} has {name} = {value!r}")
+            raise ValueError(f"{file} has {name} = {value!r}")
 
 
 @contextlib.contextmanager
@@ -261,23 +262,24 @@ def _damaged(folder: str | Path) -> Iterator[None]:
     """Turn what reading a damaged file raises into one sentence."""
     try:
         yield
-    except (*_WRONG, OSError, RecursionError, OverflowError) as error:
+    except (*_WRONG, OSError) as error:
         raise ValueError(f"{folder} holds a damaged model ({error}); copy or save it again.") from error
 
 
-def from_metadata(metadata: dict[str, Any], params: dict) -> Model:
-    """Return the model that a checkpoint's metadata describe."""
+def from_metadata(metadata: dict[str, Any], params: dict, source: str | Path) -> Model:
+    """Return the model that the metadata of a checkpoint in the folder `source` describe."""
     try:
         statistics = Statistics(
             *(np.array(metadata["statistics"][k], np.float32) for k in Statistics._fields)
         )
         _check_statistics(statistics)
-        config = from_dict(metadata["config"], source="the checkpoint")
+        _check_facts(metadata, "metadata.json")
+        config = from_dict(metadata["config"], source="metadata.json")
         described = metadata["garment_hash"], metadata["vertices"], metadata["fps"]
         return Model(config, params, statistics, *described, read_seen_body(metadata.get("seen")))
     except _WRONG as error:
         raise ValueError(
-            f"the checkpoint's description is damaged ({error}); delete it to go on from the one before."
+            f"{source} holds a damaged checkpoint ({error}); delete it to go on from the one before."
         ) from error
 
 

@@ -80,12 +80,10 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         table = json.loads(path.read_text(encoding="utf-8"))
         older = [row["name"] for row in table["variants"] if "swing" not in row["settings"]]
         rows = [
-            Measured(row["name"], Variant(**row["settings"]), row["error_cm"], row["ms"])
-            for row in (() if older else table["variants"])
-            if {"error_cm", "ms"} <= row.keys()
+            _measured(row) for row in (() if older else table["variants"]) if {"error_cm", "ms"} <= row.keys()
         ]
-        detail_mm = float(table["detail_mm"])
-    except (ValueError, KeyError, TypeError) as error:
+        detail_mm = _number("detail_mm", table["detail_mm"])
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(
             f"{path} is damaged ({error}); run benchmarks/variants.py {folder} again."
         ) from error
@@ -100,6 +98,27 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
             "--errors, then with --times."
         )
     return rows, detail_mm
+
+
+def _measured(row: dict[str, Any]) -> Measured:
+    """Return a row of the table; `ValueError` or `TypeError` for values of other kinds."""
+    variant = Variant(**row["settings"])
+    for name, value in variant._asdict().items():
+        whole = name in ("iterations", "rank")
+        right = value is None or (type(value) is int and 0 < value < 10_000) if whole else True
+        right &= type(value) is bool if name in ("detail", "collision", "lengths", "swing") else True
+        right &= value in ("float32", "bfloat16") if name == "last_layers" else True
+        if not right:
+            raise ValueError(f"{name} = {value!r}")
+    if not isinstance(row["name"], str):
+        raise ValueError(f"name = {row['name']!r}")
+    return Measured(row["name"], variant, _number("error_cm", row["error_cm"]), _number("ms", row["ms"]))
+
+
+def _number(name: str, value: Any) -> float:
+    if type(value) not in (int, float) or not 0 <= value < 1e9:
+        raise ValueError(f"{name} = {value!r}")
+    return float(value)
 
 
 def apply_variant(model: Model, variant: Variant) -> Model:

@@ -134,7 +134,10 @@ class Checkpointer:
             if step is None and not path.is_dir():  # a training has just dropped it for a newer one
                 return self.metadata()
             described = None
-        if not isinstance(described, dict) or not isinstance(described.get("leaves"), list):
+        parts = {"leaves": list, "metadata": dict, "extra": dict}
+        if not isinstance(described, dict) or not all(
+            isinstance(described.get(name), kind) for name, kind in parts.items()
+        ):
             raise ValueError(f"{path} {_UNREADABLE}")
         return described
 
@@ -155,6 +158,7 @@ class Checkpointer:
             with _quiet(), ocp.PyTreeCheckpointer() as reader:
                 stored = reader.restore(path.absolute() / "state") if any(map(_size, entries)) else {}
             values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
+            _check_leaves(entries, values)
             return {entry["path"]: (entry, value) for entry, value in zip(entries, values, strict=True)}
         except Exception as error:
             if step is None and not path.is_dir():  # a training has just dropped it for a newer one
@@ -227,6 +231,17 @@ def _array(facts: Mapping[str, Any], stored: Any) -> np.ndarray:
     if _size(facts) == 0:
         return np.zeros(facts["shape"], jax.numpy.dtype(facts["dtype"]))
     return np.asarray(stored)
+
+
+def _check_leaves(entries: list[dict[str, Any]], values: list[np.ndarray]) -> None:
+    """Raise `ValueError` where what is stored is not what is said of it: versions without digests tell so."""
+    paths = [entry["path"] for entry in entries]
+    within = {path.rpartition("/")[0] for path in paths}
+    if len(set(paths)) < len(paths) or within & set(paths):
+        raise ValueError("two leaves have one path")
+    for entry, value in zip(entries, values, strict=True):
+        if list(value.shape) != entry["shape"] or value.dtype.kind == "O":
+            raise ValueError(f"{entry['path']} has shape {value.shape}")
 
 
 def _version(package: str) -> str:

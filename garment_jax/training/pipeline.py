@@ -122,6 +122,7 @@ def trained_model(path: str | Path) -> Model:
         saved = Checkpointer(path, stage)
         if saved.latest() is not None:
             found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
+            from_metadata(metadata, {}, saved.folder)  # sound, for what is read of it below
     early = Checkpointer(path, "warm_up")
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
@@ -144,4 +145,4 @@ def trained_model(path: str | Path) -> Model:
     if (path / CONFIG_NAME).is_file():  # its checkpoints alone are a model, too
         used = to_dict(run_config(path))  # which a later call of train.py may have changed
         metadata["config"] |= {section: used[section] for section in ("collision", "rollout")}
-    return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found))
+    return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found), path / CHECKPOINTS)

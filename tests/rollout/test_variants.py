@@ -134,6 +134,25 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
         stored_variants(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"error_cm": "3"}, "error_cm = '3'"),
+        ({"ms": float("nan")}, "ms = nan"),
+        ({"ms": 10**400}, "ms = 1"),
+        ({"name": ["whole"]}, r"name = \['whole'\]"),
+        ({"settings": Variant()._asdict() | {"swing": 1}}, "swing = 1"),
+        ({"settings": Variant()._asdict() | {"rank": 2.5}}, r"rank = 2\.5"),
+        ({"settings": Variant()._asdict() | {"last_layers": "int8"}}, "last_layers = 'int8'"),
+    ],
+)
+def test_variants_of_other_values_are_damage(tmp_path: Path, changed: dict, said: str):
+    row = {"name": "whole", "settings": Variant()._asdict(), "error_cm": 1.0, "ms": 2.0} | changed
+    (tmp_path / FILE).write_text(json.dumps({"variants": [row], "detail_mm": 0.3}))
+    with pytest.raises(ValueError, match=rf"variants\.json is damaged \({said}"):
+        stored_variants(tmp_path)
+
+
 def test_times_are_measured_once_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     measured = []
 

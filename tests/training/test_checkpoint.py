@@ -1,6 +1,7 @@
 """Checkpoints come back bit for bit, survive what interrupts them, and refuse what does not fit."""
 
 import errno
+import json
 import os
 import shutil
 import subprocess
@@ -242,3 +243,25 @@ def test_a_disk_without_room_is_one_sentence_and_no_thread_speaks(
         saver.save(2, {"x": jnp.ones(2)})
     assert capfd.readouterr() == ("", "")
     assert [path.name for path in saver.folder.iterdir()] == ["1"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda described: described.pop("metadata"),
+        lambda described: described.update(extra=[]),
+        lambda described: described["leaves"][0].update(path=3),
+        lambda described: described["leaves"][0].update(path=described["leaves"][1]["path"]),
+        lambda described: described["leaves"][1].update(path=described["leaves"][0]["path"] + "/x"),
+        lambda described: described["leaves"][0].update(shape=[7]),
+    ],
+)
+def test_a_description_without_digests_that_is_not_of_the_arrays_is_refused(tmp_path: Path, change: Any):
+    saved = Checkpointer(tmp_path, "stage")
+    saved.save(3, {"params": {"a": np.ones(2), "b": np.zeros(2)}})
+    (saved.folder / "3/digests.json").unlink()  # as older versions saved
+    described = json.loads((saved.folder / "3/metadata.json").read_text())
+    change(described)
+    (saved.folder / "3/metadata.json").write_text(json.dumps(described))
+    with pytest.raises(ValueError, match=r"stage/3 cannot be read; delete it to go on"):
+        Checkpointer(tmp_path, "stage").tree("params")
