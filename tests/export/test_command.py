@@ -13,6 +13,7 @@ from garment_jax.export.command import export_file
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.obj import read_obj
 from garment_jax.formats.pc2 import read_pc2_header
+from garment_jax.storage.lock import lock_name, locked
 from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene, skin, write_clip
 
@@ -113,6 +114,29 @@ def test_the_obj_beside_a_cache_has_its_vertices_in_order(tmp_path: Path, clip: 
     np.testing.assert_array_equal(rest.faces, scene.garment.faces)
     np.testing.assert_array_equal(rest.faces_uv, scene.garment.faces_uv)
     np.testing.assert_array_equal(read_obj(tmp_path / "a_body.obj").faces, scene.body.faces)
+
+
+def test_frames_that_are_there_already_are_the_result(tmp_path: Path, clip: Path, capsys):
+    """A run that was killed after its last file has made them; others stay, and are refused."""
+    words = ["export", str(clip), "--format", "obj", "--stop", "2", "--out", str(tmp_path / "frames")]
+    assert main(words) == 0
+    made = tmp_path / "frames/garment_0001.obj"
+    inode = made.stat().st_ino
+    assert main(words) == 0
+    assert made.stat().st_ino == inode
+    made.write_text("v 0 0 0\n")
+    assert main(words) == 2
+    assert "frames is a folder that is not empty; name a new one" in capsys.readouterr().err
+    assert made.read_text() == "v 0 0 0\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["frames"]
+
+
+def test_two_caches_of_one_mesh_are_not_exported_at_once(tmp_path: Path, clip: Path):
+    """Each writes the mesh's file with the names of both: one would forget the other."""
+    held = locked(tmp_path, "exporting a", name=lock_name("a"))
+    with held, pytest.raises(OSError, match=r"exporting a in .* wait until it ends, or name another --out"):
+        export_file(clip, tmp_path / "a.mdd", stop=2)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, capsys):
