@@ -25,12 +25,6 @@ from tests.fuzz.watched_runs import run
 from tests.fuzz.writing_commands import Command, commands, contents, copied, listing, make_files
 
 QUICK = ("evaluate", "export npz", "export pc2", "export obj", "save")  # the last takes seconds
-    "evaluate",
-    "export npz",
-    "export pc2",
-    "export obj",
-    "save",
-)  # the last takes seconds, the others none
 MANY, ENDS = 80, 40  # of more operations than so many, the first and last so many and every third between
 
 
