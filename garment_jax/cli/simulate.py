@@ -198,7 +198,8 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
     from garment_jax.data.scene_files import load_scene
     from garment_jax.intake.bodies import place_template, read_any_body
     from garment_jax.intake.garment_mesh import load_garment
-    from garment_jax.intake.own_files import check_on_body
+    from garment_jax.intake.own_files import check_on_body, is_same, of_one_file
+    from garment_jax.intake.sources import Options
     from garment_jax.simulation.command import check_collider, motion_jobs
 
     missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
@@ -214,11 +215,17 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         if note.severity != "ok":
             print(f"{note.severity}: {note.sentence(str(options.garment))}", flush=True)
     betas = None if options.betas is None else np.array(options.betas)
+    said = Options(
+        unit={part: unit for part in ("body", "motion") if (unit := getattr(options, f"{part}_unit"))},
+        up={part: up for part in ("body", "motion") if (up := getattr(options, f"{part}_up"))},
+    )
+    if any(is_same(options.body, path) for path in options.motion):
+        said = of_one_file(said, ("body", "motion"), options.body)
     figure = read_any_body(
         options.body,
         betas=betas,
-        unit=options.body_unit,
-        up=options.body_up,
+        unit=said.unit.get("body"),
+        up=said.up.get("body"),
         mesh=options.body_mesh,
         skeleton=options.body_skeleton,
         part="body",
@@ -249,9 +256,9 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         floor=not options.keep_height,
         unit=options.motion_unit,
         up=options.motion_up,
-        rest_up=options.body_up,
+        rest_up=said.up.get("body"),
         body_file=options.body,
-        body_unit=options.body_unit,
+        body_unit=said.unit.get("body"),
         origin=figure.origin,
         animation=options.animation,
         mesh=options.motion_mesh,

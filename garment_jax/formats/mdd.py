@@ -6,30 +6,41 @@ Header: int32 frames, int32 points, float32 time of every frame. It says neither
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from garment_jax.body.rates import rate_of_times
-from garment_jax.formats.mesh_cache import Frames, MeshCache
+from garment_jax.formats.mesh_cache import Frames, MeshCache, check_length
 
 _HEADER = struct.Struct(">ii")
+
+
+class MddHeader(NamedTuple):
+    """What an MDD file says of itself."""
+
+    times: np.ndarray  # [t] float64 seconds
+    points: int
+    first: int  # byte at which the positions begin
+    notes: tuple[str, ...]  # on frames beyond those announced
 
 
 def read_mdd(path: str | Path) -> MeshCache:
     """Open an MDD file: vertices `[t, n, 3]` are read by windows, the file's own unit and axes.
 
-    `fps` follows from the times; None for a single frame, uneven times, and times that count frames. Raises
-    `FileNotFoundError`, or `ValueError` where the file is not as long as its header says.
+    `fps` follows from the times; None for a single frame, uneven times, and times that count frames. Frames
+    beyond those announced are left out, which a note says. Raises `FileNotFoundError`, or `ValueError` where
+    the file is not as long as its header says.
     """
     path = Path(path)
-    times, points = read_times(path)
-    stored = np.memmap(path, ">f4", "r", _HEADER.size + 4 * len(times), (len(times), points, 3))
+    head = read_mdd_header(path)
+    stored = np.memmap(path, ">f4", "r", head.first, (len(head.times), head.points, 3))
     vertices = Frames(stored.shape, lambda start, stop: stored[start:stop].astype(np.float32))
-    return MeshCache(vertices, None, None, None, rate_of_times(times), None, None)
+    return MeshCache(vertices, None, None, None, rate_of_times(head.times), None, None, notes=head.notes)
 
 
-def read_times(path: Path) -> tuple[np.ndarray, int]:
-    """Return the frames' times `[t]` in seconds (float64) and the number of points."""
+def read_mdd_header(path: Path) -> MddHeader:
+    """Return the header, checked against the file's size before anything is read or reserved."""
     if not path.is_file():
         raise FileNotFoundError(f"{path} is not there; name an MDD file.")
     size = path.stat().st_size
@@ -41,13 +52,11 @@ def read_times(path: Path) -> tuple[np.ndarray, int]:
                 f"{path} announces {frames} frames of {points} points in its {size} bytes; it is no MDD file "
                 "or damaged, export it again."
             )
-        expected = _HEADER.size + 4 * frames + 12 * frames * points
-        if size != expected:
-            raise ValueError(
-                f"{path} has {size} bytes, but as an MDD file it announces {frames} frames of {points} "
-                f"points, which take {expected}; copy or export it again."
-            )
-        return np.frombuffer(file.read(4 * frames), ">f4").astype(np.float64), points
+        timed, rest = divmod(size - _HEADER.size, 4 + 12 * points)  # frames that each have a time
+        timed = frames if rest else max(timed, frames)
+        first = _HEADER.size + 4 * timed
+        notes = check_length(size, first, frames, points, path, "an MDD file")
+        return MddHeader(np.frombuffer(file.read(4 * frames), ">f4").astype(np.float64), points, first, notes)
 
 
 def write_mdd(

@@ -26,6 +26,7 @@ class MeshCache(NamedTuple):
     unit: float | None  # metres per unit of length, None where the format does not say
     up: str | None  # "Y" or "Z", None where the format does not say
     frames_a_sample: float = 1.0  # of a scene whose rate the file does not say; `vertices` are its samples
+    notes: tuple[str, ...] = ()  # what of the file was left out, a phrase each
 
 
 def files_named_in(path: Path) -> tuple[Path, ...]:
@@ -40,6 +41,23 @@ def files_named_in(path: Path) -> tuple[Path, ...]:
 
         return layer_files(path)
     return ()
+
+
+def check_length(size: int, head: int, frames: int, points: int, path: Path, kind: str) -> tuple[str, ...]:
+    """Return a note where whole frames follow those that a point cache announces: they are left out, as in BVH.
+
+    Raises `ValueError` for any other number of bytes `size`, of which `head` are no positions.
+    """
+    expected = head + 12 * frames * points
+    extra, rest = divmod(size - expected, 12 * points)
+    if extra < 0 or rest:
+        raise ValueError(
+            f"{path} has {size} bytes, but as {kind} it announces {frames} frames of {points} points, which "
+            f"take {expected}; copy or export it again."
+        )
+    more = "1 frame" if extra == 1 else f"{extra} frames"
+    verb = "is" if extra == 1 else "are"
+    return (f"{more} more than the {frames} announced {verb} left out",) if extra else ()
 
 
 class Frames:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.formats.mesh_cache import MeshCache
+from garment_jax.formats.mesh_cache import MeshCache, check_length
 
 MAGIC = b"POINTCACHE2\0"
 _HEADER = struct.Struct("<12siiffi")
@@ -25,18 +25,20 @@ class Pc2Header(NamedTuple):
     first_frame: float
     frames_a_sample: float
     samples: int
+    notes: tuple[str, ...] = ()  # on frames beyond those announced
 
 
 def read_pc2(path: str | Path) -> MeshCache:
     """Open a PC2 file: vertices `[t, n, 3]` are memory-mapped, the file's own unit and axes.
 
-    Raises `FileNotFoundError`, or `ValueError` for what is no PC2 or is not as long as its header says.
+    Frames beyond those announced are left out, which a note says. Raises `FileNotFoundError`, or `ValueError`
+    for what is no PC2 or is not as long as its header says.
     """
     path = Path(path)
     header = read_pc2_header(path)
     shape = (header.samples, header.points, 3)
     vertices = np.memmap(path, "<f4", "r", _HEADER.size, shape)
-    return MeshCache(vertices, None, None, None, None, None, None, header.frames_a_sample)
+    return MeshCache(vertices, None, None, None, None, None, None, header.frames_a_sample, header.notes)
 
 
 def read_pc2_header(path: Path) -> Pc2Header:
@@ -54,13 +56,8 @@ def read_pc2_header(path: Path) -> Pc2Header:
         raise ValueError(f"{path} announces {samples} frames of {points} points; export it again.")
     if not (math.isfinite(step) and step >= 0):
         raise ValueError(f"{path} announces {step} frames a sample; export it again.")
-    expected, size = _HEADER.size + 12 * points * samples, path.stat().st_size
-    if size != expected:
-        raise ValueError(
-            f"{path} has {size} bytes, but its header announces {samples} frames of {points} points, which "
-            f"take {expected}; copy or export it again."
-        )
-    return Pc2Header(points, first, step or 1.0, samples)  # 0: its writer left it out
+    notes = check_length(path.stat().st_size, _HEADER.size, samples, points, path, "a PC2 file")
+    return Pc2Header(points, first, step or 1.0, samples, notes)  # 0: its writer left it out
 
 
 def write_pc2(

@@ -14,7 +14,9 @@ from garment_jax.intake.own_files import (
     Place,
     Wardrobe,
     check_with_cloth,
+    is_same,
     list_motions,
+    of_one_file,
     settle_place,
 )
 from garment_jax.intake.sources import ForeignClip, Options, Source
@@ -35,9 +37,12 @@ def mesh_sources(paths: Sequence[Path], options: Options) -> list[Source]:
     several.
     """
     check_with_cloth(options, paths[0])
-    wardrobe = Wardrobe(options)
     motions = pair_motions(paths, list_motions(options))
-    rig = fitted_once(wardrobe, motions[0]) if wardrobe.body_path.suffix.lower() in MESHES else None
+    for path in paths:
+        if options.garment is not None and is_same(options.garment, path):  # a frame of the clip
+            options = of_one_file(options, ("clip", "garment"), options.garment)
+    wardrobe = Wardrobe(options, motions=motions)
+    rig = fitted_once(wardrobe, paths[0], motions[0]) if wardrobe.body_path.suffix.lower() in MESHES else None
 
     def source(path: Path, motion: Path) -> Source:
         files = (path, motion, *wardrobe.files(), *([motions[0]] if rig else []))
@@ -71,13 +76,14 @@ def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
 
 def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) -> ForeignClip:
     mesh = read_cache(path, mesh=wardrobe.options.mesh.get("clip"))
+    options = wardrobe.options
+    if is_same(path, motion_path):  # garment and body are meshes of one file
+        options = of_one_file(options, ("clip", "motion"), path)
     fps = clip_rate(mesh.fps, wardrobe.options.fps, path, frames_a_sample=mesh.frames_a_sample)
-    moved = None if rig is None else moving_body(wardrobe, motion_path, rig(), fps)
+    moved = None if rig is None else moving_body(wardrobe.body_path, options, motion_path, rig(), fps)
     dressed = wardrobe.dressed(body=None if moved is None else moved.fitted.body)
     check_count(mesh.vertices.shape[1], dressed.scene.garment, path, wardrobe.garment_path)
-    place = settle_place(
-        wardrobe.options, "clip", np.asarray(mesh.vertices[0]), path, unit=mesh.unit, up=mesh.up
-    )
+    place = settle_place(options, "clip", np.asarray(mesh.vertices[0]), path, unit=mesh.unit, up=mesh.up)
     check_vertex_order(place(mesh.vertices[:1])[0], dressed.scene.garment, path, wardrobe.garment_path)
     motion, said = (
         wardrobe.motion(motion_path, fps=fps) if moved is None else (moved.fitted.motion, moved.notes)
@@ -85,31 +91,36 @@ def _read(path: Path, motion_path: Path, wardrobe: Wardrobe, rig: Rig | None) ->
     check_lengths(
         len(mesh.vertices), len(motion.root), motion.fps, path, motion_path, stated=mesh.fps is not None
     )
-    notes = (*dressed.notes, *place.notes, *said)
+    notes = (*dressed.notes, *(f"{path}: {note}" for note in mesh.notes), *place.notes, *said)
     if fps is None:
         notes += (f"{path} does not say its frame rate: taken for the motion's {motion.fps:g} fps",)
     return ForeignClip(dressed.scene, motion, lambda size: placed_windows(mesh.vertices, place, size), notes)
 
 
-def fitted_once(wardrobe: Wardrobe, motion: Path) -> Rig:
+def fitted_once(wardrobe: Wardrobe, clip: Path, motion: Path) -> Rig:
     """Return a function that gives the rig fitted to a body's first motion, and fits it when first asked."""
-    return cache(lambda: moving_body(wardrobe, motion, None, None).fitted.body)
+    options = wardrobe.options
+    if is_same(clip, motion):
+        options = of_one_file(options, ("clip", "motion"), clip)
+    return cache(lambda: moving_body(wardrobe.body_path, options, motion, None, None).fitted.body)
 
 
-def moving_body(wardrobe: Wardrobe, motion: Path, rig: RiggedBody | None, fps: float | None) -> VertexBody:
+def moving_body(
+    rest: Path, options: Options, motion: Path, rig: RiggedBody | None, fps: float | None
+) -> VertexBody:
     """Return the rig and the motion of a body known as vertices, `fps` of its clip; `rig`: fitted before."""
-    o = wardrobe.options
-    unit = o.unit.get("motion", o.unit.get("body"))
     return read_vertex_body(
-        wardrobe.body_path,
+        rest,
         motion,
-        unit=unit,
-        up=o.up.get("motion", o.up.get("body")),
+        unit=options.unit.get("motion"),
+        up=options.up.get("motion"),
+        rest_unit=options.unit.get("body"),
+        rest_up=options.up.get("body"),
         fps=fps,
-        scene_fps=o.fps,
-        source_fps=o.source_fps,
+        scene_fps=options.fps,
+        source_fps=options.source_fps,
         rig=rig,
-        mesh=o.mesh.get("motion"),
+        mesh=options.mesh.get("motion"),
     )
 
 

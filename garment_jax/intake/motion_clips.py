@@ -12,7 +12,7 @@ def motion_sources(paths: Sequence[Path], options: Options) -> list[Source]:
 
     `ValueError` where either is not named.
     """
-    wardrobe = Wardrobe(options)
+    wardrobe = Wardrobe(options, motions=paths)
 
     def read(path: Path) -> ForeignClip:
         motion, notes = wardrobe.motion(path, fps=options.fps, centre=True)

@@ -1,6 +1,6 @@
 """The user's garment and body for imported clips: read once, converted, dressed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,16 +82,33 @@ def of_one_file(options: Options, parts: tuple[str, ...], path: Path) -> Options
     return options._replace(**changed)
 
 
+def is_same(one: Path, other: Path) -> bool:
+    """Return whether two paths are one file, or the first is a frame of the folder of meshes `other`."""
+    return (
+        other.resolve() in (one.resolve(), one.resolve().parent)
+        if other.is_dir()
+        else (one.resolve() == other.resolve())
+    )
+
+
 class Wardrobe:
     """The garment and the body that the options name; each is read once, a SMPL body once for each shape."""
 
-    def __init__(self, options: Options, *, garment: Path | None = None) -> None:
-        """`garment` is the format's own template; raises `ValueError` where garment or body is not named."""
-        self.options = options
+    def __init__(
+        self, options: Options, *, garment: Path | None = None, motions: Sequence[Path] = ()
+    ) -> None:
+        """`garment` is the format's own template; `motions` are the files that `motion` will be asked for.
+
+        Raises `ValueError` where garment or body is not named, and as `of_one_file` where the body's file is
+        one of the motions.
+        """
+        self.options = self._body_options = options
         for name, value in (("garment", garment or options.garment), ("body", options.body)):
             if value is None:
                 raise ValueError(f"--{name} is not given; name the {name} that the clips show.")
         self.garment_path, self.body_path = Path(options.garment or garment or ""), Path(options.body or "")
+        if any(is_same(self.body_path, motion) for motion in motions):
+            self._body_options = of_one_file(options, ("body", "motion"), self.body_path)
         self._dressed: dict[bytes, tuple[DressedScene, np.ndarray]] = {}
 
     def files(self) -> tuple[Path, ...]:
@@ -119,11 +136,11 @@ class Wardrobe:
         """
         dressed, origin = self._dress(betas)
         o = self.options
-        # the motion in the body's own file is that of the body that was chosen there
-        named = {"mesh": o.mesh.get("body"), "skeleton": o.skeleton.get("body")}
-        same = path.resolve() == self.body_path.resolve()
-        own = named if same else {}
-        unit = o.unit.get("motion", o.unit.get("body") if same else None)
+        # the motion in the body's own file is that of the body that was chosen there, in its unit and axes
+        own: dict[str, str | None] = {}
+        if is_same(path, self.body_path):
+            own = {"mesh": o.mesh.get("body"), "skeleton": o.skeleton.get("body")}
+            o = of_one_file(o, ("body", "motion"), path)
         notes: list[str] = []
         motion = read_motion(
             path,
@@ -134,7 +151,7 @@ class Wardrobe:
             skip=o.skip,
             floor=o.floor,
             centre=centre,
-            unit=unit,
+            unit=o.unit.get("motion"),
             up=o.up.get("motion"),
             rest_up=o.up.get("body"),
             origin=origin,
@@ -166,7 +183,7 @@ class Wardrobe:
         return self._dressed[key]
 
     def _body(self, betas: np.ndarray | None) -> LoadedBody:
-        o = self.options
+        o = self._body_options
         return read_any_body(
             self.body_path,
             betas=betas,

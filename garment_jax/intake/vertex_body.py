@@ -11,11 +11,12 @@ from garment_jax.data.validation import check_size
 from garment_jax.formats.mesh_cache import MeshCache, read_cache
 from garment_jax.formats.obj import read_obj
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.intake.units import settle_unit, to_metres_y_up
+from garment_jax.intake.units import Unit, metres_per_unit, settle_unit, to_metres_y_up
 from garment_jax.structs import RiggedBody
 
 MOST_RESIDUAL = 1.0  # cm in the mean over vertices and frames; more, and the cloth's body is another one
 _LYING = 60.0  # degrees of the root's mean tilt that suggest another up axis
+_STANDING = 30.0  # degrees of it that are somebody's who stands and walks
 _SAME_LENGTH = 0.1  # relative difference of edges beyond which two meshes have another unit
 
 
@@ -32,6 +33,8 @@ def read_vertex_body(
     *,
     unit: float | str | None = None,
     up: str | None = None,
+    rest_unit: float | str | None = None,
+    rest_up: str | None = None,
     fps: float | None = None,
     scene_fps: float | None = None,
     source_fps: float | None = None,
@@ -43,8 +46,9 @@ def read_vertex_body(
 ) -> VertexBody:
     """Read the OBJ mesh `rest` (canonical pose, facing +Z) and its motion `cache`; fit a rig to both.
 
-    `unit` ("cm", "m", … or metres per unit) and `up` ("Y" or "Z") are those of both files; without them the
-    cache's own, and metres and Y, said in the note, where it does not say and the mesh has a body's size.
+    `unit` ("cm", "m", … or metres per unit) and `up` ("Y" or "Z") are the cache's, without them its own;
+    `rest_unit` and `rest_up` the rest mesh's. What one of the two does not say is as in the other, where the
+    edges are as long and the body then stands; else metres and Y, said in the note, for a body's size.
     `mesh`: the one to take of a cache that holds several. `fps` is its cloth's rate, `scene_fps` and
     `source_fps` are the user's (`body.rates.body_rate`). `rig` is a body fitted before, whose motion
     alone is sought. Raises `FileNotFoundError`, `OSError`, or `ValueError` for what does not fit or for a
@@ -59,22 +63,36 @@ def read_vertex_body(
         source_fps=source_fps,
         frames_a_sample=moving.frames_a_sample,
     )
-    _check_same_mesh(body.vertices, body.faces, moving, rest, cache)
-    size = float(np.ptp(body.vertices, axis=0).max())
-    taken, axis = settle_unit(moving.unit, unit, size, f"the body {rest}"), up or moving.up or "Y"
-    points = to_metres_y_up(body.vertices, taken.metres, axis)
-    check_size(points, f"the body {rest}")
-    frames = _Converted(moving.vertices, taken.metres, axis)
-    fitted = rig_from_vertices(body.faces, frames, points, fps=rate, joints=joints, rig=rig, seed=seed)
+    ratio = _edges_as_long(body.vertices, body.faces, moving, rest, cache)
+    taken, metres = _units(body.vertices, ratio, rest, cache, unit, moving.unit, rest_unit)
+    axis = up or moving.up or rest_up or "Y"
+    frames = _Converted(moving.vertices, metres, axis)
+
+    def fit(rest_axis: str) -> FittedRig:
+        points = to_metres_y_up(body.vertices, taken.metres, rest_axis)
+        check_size(points, f"the body {rest}")
+        return rig_from_vertices(body.faces, frames, points, fps=rate, joints=joints, rig=rig, seed=seed)
+
+    notes = [taken.note] if taken.note else []
+    if up is None and moving.up is None and rest_up is None:
+        notes.append(f"{cache} does not say its up axis: Y is taken")
+    other = "Y" if axis == "Z" else "Z"
+    if rig is not None and rest_up is None:  # the one that the rest mesh had when the rig was fitted
+        lies = not np.allclose(rig.vertices, to_metres_y_up(body.vertices, taken.metres, axis), atol=1e-4)
+        fitted = fit(other if lies else axis)
+    else:
+        fitted = fit(rest_up or axis)
+        if rest_up is None and _tilt(fitted) > _LYING and (up or moving.up):
+            turned = fit(other)
+            if _tilt(turned) < _STANDING:
+                fitted = turned
+                notes.append(f"{rest} stands along {other} and {cache} along {axis}: each taken so")
     residual = fitted.residual_cm
     if most_residual is not None and residual.mean > most_residual:
         raise ValueError(
             f"{cache}: {len(fitted.body.joints)} joints follow the body to {residual}, more than "
             f"{most_residual:g} cm in the mean; ask for more joints, or allow it."
         )
-    notes = [taken.note] if taken.note else []
-    if up is None and moving.up is None:
-        notes.append(f"{cache} does not say its up axis: Y is taken")
     notes += _lying(fitted, cache)
     return VertexBody(
         fitted, (f"{cache}: {len(fitted.body.joints)} joints follow the body to {residual}", *notes)
@@ -95,10 +113,38 @@ class _Converted:
         return to_metres_y_up(np.asarray(self._vertices[frames], np.float32), self._scale, self._up)
 
 
-def _check_same_mesh(
+def _units(
+    points: np.ndarray,
+    ratio: float,
+    rest: str | Path,
+    cache: str | Path,
+    unit: float | str | None,
+    stated: float | None,
+    rest_unit: float | str | None,
+) -> tuple[Unit, float]:
+    """Return the rest mesh's unit and the cache's metres per unit; `ratio`: the cache's edges over its edges.
+
+    Raises `ValueError` where the two are of different size in these.
+    """
+    size, alike = float(np.ptp(points, axis=0).max()), abs(ratio - 1) <= _SAME_LENGTH
+    moves = stated if unit is None else metres_per_unit(unit, "--motion-unit")
+    taken = settle_unit(moves if alike else None, rest_unit, size, f"the body {rest}", "--body-unit")
+    metres = taken.metres if moves is None else moves
+    if abs(ratio * metres / taken.metres - 1) > _SAME_LENGTH:
+        raise ValueError(
+            f"the edges of {cache} are {ratio * metres / taken.metres:.3g} times as long as those of {rest}; "
+            "export both with one vertex order, or give the unit of each (--body-unit, --motion-unit)."
+        )
+    return taken, metres
+
+
+def _edges_as_long(
     points: np.ndarray, faces: np.ndarray, moving: MeshCache, rest: str | Path, cache: str | Path
-) -> None:
-    """Raise `ValueError` unless frame 0 has the rest mesh's vertices, by number and lengths of edges."""
+) -> float:
+    """Return the length of frame 0's edges over those of the rest mesh, as the numbers stand.
+
+    Raises `ValueError` unless it has the rest mesh's vertices.
+    """
     if not len(faces):
         raise ValueError(f"{rest} holds no faces; export the body's mesh, not its points.")
     if moving.vertices.shape[1] != len(points):
@@ -111,17 +157,17 @@ def _check_same_mesh(
     if not np.isfinite(first).all():
         raise ValueError(f"{cache}: frame 0 holds values that are not finite; export the clip again.")
     lengths = [np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (points, first)]
-    ratio = float(np.median(lengths[1]) / max(float(np.median(lengths[0])), 1e-12))
-    if abs(ratio - 1) > _SAME_LENGTH:
-        raise ValueError(
-            f"the edges of {cache} are {ratio:.3g} times as long as those of {rest}; export both in one unit "
-            "and with one vertex order."
-        )
+    return float(np.median(lengths[1]) / max(float(np.median(lengths[0])), 1e-12))
+
+
+def _tilt(fitted: FittedRig) -> float:
+    """Return the root's mean tilt in degrees."""
+    return float(np.degrees(np.arccos(np.clip(fitted.motion.rotations[:, 0, 1, 1], -1.0, 1.0)).mean()))
 
 
 def _lying(fitted: FittedRig, cache: str | Path) -> list[str]:
     """Return a sentence where the body lies all the time, which another up axis would explain."""
-    tilt = np.degrees(np.arccos(np.clip(fitted.motion.rotations[:, 0, 1, 1], -1.0, 1.0)).mean())
+    tilt = _tilt(fitted)
     if tilt < _LYING:
         return []
     return [f"{cache}: the root is tilted by {tilt:.0f} degrees in the mean; check the up axis"]

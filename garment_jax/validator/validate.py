@@ -234,6 +234,7 @@ def _check_cache(path: Path, options: Options, template: np.ndarray | None) -> l
     cache = read_cache(path, mesh=options.mesh)
     given = None if options.fps is None else options.fps / cache.frames_a_sample
     found = check_points(cache.vertices, cache.faces, given or cache.fps, unit=cache.unit, template=template)
+    found += [Finding("frames", "note", note) for note in cache.notes]
     if cache.up == "Z":
         found.append(Finding("up axis", "note", "the file says Z", remedy="it is turned when it is imported"))
     return found

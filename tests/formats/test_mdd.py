@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.formats.mdd import read_times, write_mdd
+from garment_jax.formats.mdd import read_mdd_header, write_mdd
 from garment_jax.formats.mesh_cache import read_cache
 
 FRAMES = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float32)
@@ -42,7 +42,20 @@ def test_uneven_times_are_no_rate(tmp_path: Path):
     content = struct.pack(">ii", 5, 7) + times.tobytes() + FRAMES.astype(">f4").tobytes()
     (tmp_path / "a.mdd").write_bytes(content)
     assert read_cache(tmp_path / "a.mdd").fps is None
-    np.testing.assert_allclose(read_times(tmp_path / "a.mdd")[0], times.astype(float))
+    np.testing.assert_allclose(read_mdd_header(tmp_path / "a.mdd").times, times.astype(float))
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_frames_beyond_those_announced_are_left_out_with_a_note(tmp_path: Path, timed: bool):
+    """As rows of a BVH are; with a time of its own, and without."""
+    write_mdd(tmp_path / "a.mdd", [FRAMES], 5, 7, fps=30)
+    stored = (tmp_path / "a.mdd").read_bytes()
+    times = stored[8:28] if timed else stored[8:24]
+    (tmp_path / "a.mdd").write_bytes(struct.pack(">ii", 4, 7) + times + stored[28:])
+    cache = read_cache(tmp_path / "a.mdd")
+    np.testing.assert_array_equal(cache.vertices[:], FRAMES[:4])
+    assert cache.fps == 30
+    assert cache.notes == ("1 frame more than the 4 announced is left out",)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 
 from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.pc2 import MAGIC, read_pc2_header, write_pc2
+from garment_jax.validator.validate import validate_file
 
 FRAMES = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float32)
 
@@ -26,7 +27,7 @@ def test_what_was_written_is_read_without_loading_it(tmp_path: Path):
     cache = read_cache(tmp_path / "a.pc2")
     assert isinstance(cache.vertices, np.memmap)
     np.testing.assert_array_equal(cache.vertices, FRAMES)
-    assert cache[1:] == (*(None,) * 6, 1.0)
+    assert cache[1:] == (*(None,) * 6, 1.0, ())
 
 
 @pytest.mark.parametrize(("said", "frames"), [(0.5, 0.5), (2.0, 2.0), (0.0, 1.0)])
@@ -56,6 +57,19 @@ def test_another_number_of_frames_is_refused(tmp_path: Path):
 
 def header(version: int = 1, points: int = 7, samples: int = 5, magic: bytes = MAGIC) -> bytes:
     return struct.pack("<12siiffi", magic, version, points, 0.0, 1.0, samples)
+
+
+@pytest.mark.parametrize(
+    ("more", "note"), [(1, "1 frame more than the 5 announced is"), (3, "3 frames more")]
+)
+def test_frames_beyond_those_announced_are_left_out_with_a_note(tmp_path: Path, more: int, note: str):
+    """As rows of a BVH are."""
+    (tmp_path / "a.pc2").write_bytes(header() + FRAMES.tobytes() + FRAMES[:more].tobytes())
+    cache = read_cache(tmp_path / "a.pc2")
+    np.testing.assert_array_equal(cache.vertices[:], FRAMES)
+    assert cache.notes[0].startswith(note)
+    report = validate_file(tmp_path / "a.pc2")
+    assert any(f.check == "frames" and f.value == cache.notes[0] for f in report.findings)
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,19 @@ def test_centimetres_with_z_up_are_converted_and_a_known_rig_is_kept(tmp_path):
     assert "degrees in the mean; check the up axis" in notes[-1]
 
 
+def test_rest_mesh_and_cache_are_two_files_of_their_own_unit_and_axis(tmp_path):
+    """Metres, Y up, as OBJ exporters write, beside a stage in centimetres with Z up."""
+    turned = 100 * np.stack([V[..., 0], -V[..., 2], V[..., 1]], axis=-1)
+    files = write(tmp_path, BODY.vertices, turned)
+    for said in ({}, {"rest_unit": "m", "rest_up": "Y"}):
+        fitted, notes = read_vertex_body(*files, fps=30, unit="cm", up="Z", joints=3, **said)
+        np.testing.assert_allclose(fitted.body.vertices, BODY.vertices, atol=1e-6)
+        assert np.linalg.norm(pose_body(fitted.body, fitted.motion, slice(None)) - V, axis=2).mean() < 1e-3
+        assert any("stands along Y and" in note for note in notes) == (not said)
+    again, _ = read_vertex_body(*files, fps=30, unit="cm", up="Z", rig=fitted.body)
+    np.testing.assert_allclose(again.motion.root, fitted.motion.root, atol=1e-5)
+
+
 def test_refusals(tmp_path):
     rest, cache = write(tmp_path, BODY.vertices, V)
     with pytest.raises(ValueError, match=r"body\.pc2 has no frame rate"):
@@ -56,12 +69,12 @@ def test_refusals(tmp_path):
     ):
         read_vertex_body(rest, cache, fps=30, joints=1)
     assert read_vertex_body(rest, cache, fps=30, joints=1, most_residual=None).fitted.residual_cm.mean > 1
-    write(tmp_path, BODY.vertices * 10, V)
-    with pytest.raises(ValueError, match=r"pc2 are 0\.1 times as long as those of .*one unit"):
-        read_vertex_body(rest, cache, fps=30)
+    write(tmp_path, BODY.vertices * 1.3, V)
+    with pytest.raises(ValueError, match=r"pc2 are 0\.769 times as long as those of .*--motion-unit"):
+        read_vertex_body(rest, cache, fps=30, unit="m")
     write(tmp_path, BODY.vertices * 100, V * 100)
     with pytest.raises(
-        ValueError, match=r"is 1\d\d units large, and its file does not say which; give --unit"
+        ValueError, match=r"is 1\d\d units large, and its file does not say which; give --body-unit"
     ):
         read_vertex_body(rest, cache, fps=30)
     write(tmp_path, BODY.vertices, V[:, :-1])
