@@ -211,6 +211,7 @@ _POSITIVE = frozenset(
 )
 _LARGEST = 2**31 - 1  # of whole numbers but seeds: steps are counted in 32 bits
 _LARGEST_SEED = 2**62
+_LONGEST = 10**300  # what a float holds, and more than anything means
 _PARTS = frozenset({"dropout", "from_first", "true_starts", "swing", "warmup", "final_rate"})
 # These say how a run is watched or used, not what it learns: a resumed run may change them. (A baseline's
 # folder keeps its section among its facts.)
@@ -304,8 +305,10 @@ def to_toml(config: Config) -> str:
     """The whole configuration as TOML; `tomllib.loads` then `from_dict` gives an equal one."""
     blocks = []
     for name, entries in to_dict(config).items():
-        # JSON's numbers, strings, booleans and lists are TOML's (finite numbers only, checked on entry).
-        lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in entries.items()]
+        # JSON's numbers, strings, booleans and lists are TOML's (finite numbers and whole characters only,
+        # checked on entry), but for one control character that JSON leaves as it is.
+        written = {key: json.dumps(value, ensure_ascii=False) for key, value in entries.items()}
+        lines = [f"{key} = {value}".replace("\x7f", "\\u007f") for key, value in written.items()]
         blocks.append("\n".join([f"[{name}]", *lines]))
     return "\n\n".join(blocks) + "\n"
 
@@ -407,22 +410,35 @@ def _checked(name: str, hint: Any, value: Any, source: str) -> Any:
             raise ValueError(f"{source}: {name} = {value!r} is not one of {choices}.")
         return value
     if hint is float and type(value) is int:
+        if abs(value) > _LONGEST:
+            raise ValueError(f"{source}: {name} is a number of {len(str(value))} digits; give a shorter one.")
         value = float(value)
     if type(value) is not hint:
         kind = {int: "a whole number", float: "a number", bool: "true or false", str: "a string"}[hint]
         raise ValueError(f"{source}: {name} = {value!r} must be {kind}.")
+    if hint is str and not _is_text(value):
+        raise ValueError(f"{source}: {name} = {value!r} holds bytes that are no UTF-8; rename what it names.")
     return _in_range(name, value, source) if hint in (int, float) else value
+
+
+def _is_text(value: str) -> bool:
+    """Return whether a string can be written down: bytes of the command line that are no UTF-8 cannot."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _in_range(name: str, value: float, source: str) -> float:
     key = name.partition(".")[2]
     positive = key in _POSITIVE
+    largest = _LARGEST if key != "seed" else _LARGEST_SEED
+    if isinstance(value, int) and abs(value) > largest:
+        raise ValueError(f"{source}: {name} = {value} is out of range; give {largest} at most.")
     if key in _PARTS and not 0 <= value <= 1:
         raise ValueError(f"{source}: {name} = {value!r} is a part of a whole; give a number from 0 to 1.")
     if not math.isfinite(value) or value < 0 or (positive and value == 0):
         bound = "greater than 0" if positive else "0 or greater"
         raise ValueError(f"{source}: {name} = {value!r} must be a finite number, {bound}.")
-    largest = _LARGEST if key != "seed" else _LARGEST_SEED
-    if isinstance(value, int) and value > largest:
-        raise ValueError(f"{source}: {name} = {value} is out of range; give {largest} at most.")
     return value

@@ -89,6 +89,51 @@ def test_every_kind_of_field_round_trips() -> None:
         assert from_dict(tomllib.loads(to_toml(config))) == config
 
 
+ODD = "".join(map(chr, range(0x20))) + "\x7f\x80\x9f\u2028\ufeff\uffff\U0010ffff'\"\\/#=[]{}none"
+
+
+@pytest.mark.usefixtures("kinds")
+@pytest.mark.parametrize(
+    "value",
+    [
+        Kinds(text=ODD, names=(ODD, "", "none", "1", "true", '"""', "\\u0041", "\r\n")),
+        Kinds(text="none"),
+        Kinds(number=5e-324, rates=(1.7976931348623157e308, 1e16, 1e22, 0.1 + 0.2, 0.0)),
+        Kinds(whole=2**31 - 1, widths=(0, 2**31 - 1), limit=2**31 - 1),
+    ],
+)
+def test_what_is_written_is_read_again(value: Kinds, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(to_toml(KindsConfig(kinds=value)), encoding="utf-8")
+    assert load_config(tmp_path / "c.toml") == KindsConfig(kinds=value)
+
+
+@pytest.mark.usefixtures("kinds")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--kinds.text", "caf\udce9"],  # a byte of another encoding, as the command line has it
+        ["--kinds.names", "a,caf\udce9"],
+        ["--kinds.number", "inf"],
+        ["--kinds.rates", "1,nan"],
+        ["--kinds.number", "1e999"],
+        ["--kinds.whole", "9" * 400],
+        ["--kinds.whole", "9" * 5000],
+        ["--kinds.whole", "-" + "9" * 400],
+        ["--kinds.limit", "9" * 30],
+    ],
+)
+def test_what_could_not_be_read_again_is_refused(words: list[str], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^command line: kinds\.\w+ "):
+        apply_overrides(KindsConfig(), words)
+    for text in ("number", "whole", "rates"):
+        for digits in (400, 5000):
+            value = "9" * digits
+            entry = f"[{value}]" if text == "rates" else value
+            (tmp_path / "c.toml").write_text(f"[kinds]\n{text} = {entry}\n")
+            with pytest.raises(ValueError, match=r"^\S*c\.toml(: kinds\.| is not valid TOML)"):
+                load_config(tmp_path / "c.toml")
+
+
 @pytest.mark.usefixtures("kinds")
 @pytest.mark.parametrize(
     ("words", "expected"),

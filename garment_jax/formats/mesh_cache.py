@@ -44,7 +44,7 @@ def files_named_in(path: Path) -> tuple[Path, ...]:
 
 
 def check_length(size: int, head: int, frames: int, points: int, path: Path, kind: str) -> tuple[str, ...]:
-    """Return a note where whole frames follow those that a point cache announces: they are left out, as in BVH.
+    """Return a note where whole frames follow those that a point cache announces: left out, as rows of BVH.
 
     Raises `ValueError` for any other number of bytes `size`, of which `head` are no positions.
     """
