@@ -26,8 +26,20 @@ class Edges(NamedTuple):
 def mesh_edges(faces: np.ndarray) -> Edges:
     """Return the edges of triangles `[f, 3]`; a face's edge from a vertex to itself is left among them."""
     half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
-    pairs, inverse, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
+    low, high = half.min(axis=1), half.max(axis=1)
+    number = low * (int(half.max(initial=0)) + 1) + high
+    _, first, inverse, count = np.unique(number, return_index=True, return_inverse=True, return_counts=True)
+    pairs = np.stack([low, high], axis=1)[first]
     return Edges(pairs, count, inverse.reshape(-1), half[:, 0] < half[:, 1])
+
+
+def neighbours(edges: Edges) -> np.ndarray:
+    """Return the faces at each edge that has two of one winding, `[k, 2]`."""
+    order = np.argsort(edges.of_half, kind="stable")
+    begin = np.searchsorted(edges.of_half[order], np.flatnonzero(edges.count == 2))
+    one, other = order[begin], order[np.minimum(begin + 1, len(order) - 1)]
+    consistent = edges.forward[one] != edges.forward[other]
+    return np.stack([one[consistent] // 3, other[consistent] // 3], axis=1)
 
 
 def check_mesh(template: np.ndarray, faces: np.ndarray) -> list[Finding]:
@@ -127,24 +139,18 @@ def _winding(edges: Edges) -> Finding:
     )
 
 
-def folded_faces(points: np.ndarray, faces: np.ndarray, edges: Edges) -> np.ndarray:
-    """Return which faces `[f]` lie turned over on two or more of their neighbours."""
-    a, b, c = points.astype(np.float64)[faces].transpose(1, 0, 2)
+def folded_faces(points: np.ndarray, faces: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Return which faces `[f]` lie turned over on two or more of their `neighbours` `pairs` `[k, 2]`."""
+    a, b, c = (points.astype(np.float64)[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.where(length > 0, length, 1.0)
-    order = np.argsort(edges.of_half, kind="stable")
-    begin = np.searchsorted(edges.of_half[order], np.flatnonzero(edges.count == 2))
-    one, other = order[begin], order[np.minimum(begin + 1, len(order) - 1)]
-    consistent = edges.forward[one] != edges.forward[other]
-    one, other = one[consistent] // 3, other[consistent] // 3
-    turned = (normal[one] * normal[other]).sum(axis=1) < _OPPOSITE
-    against = np.bincount(np.concatenate([one[turned], other[turned]]), minlength=len(faces))
-    return against >= 2
+    length = np.sqrt(np.einsum("fx,fx->f", normal, normal))[:, None]
+    normal /= np.where(length > 0, length, 1.0)
+    turned = pairs[np.einsum("kx,kx->k", normal[pairs[:, 0]], normal[pairs[:, 1]]) < _OPPOSITE]
+    return np.bincount(turned.ravel(), minlength=len(faces)) >= 2
 
 
 def _folded(template: np.ndarray, faces: np.ndarray, edges: Edges) -> Finding:
-    folded = np.flatnonzero(folded_faces(template, faces, edges))
+    folded = np.flatnonzero(folded_faces(template, faces, neighbours(edges)))
     if not len(folded):
         return Finding("folded faces", "ok", "none")
     return Finding(

@@ -16,15 +16,18 @@ _USED = 0.05  # of the map: charts smaller than this waste it
 _AT_ONCE = 2_000_000  # texels tested at once, about 100 bytes each
 
 
-def check_uvs(garment: Garment) -> list[Finding]:
-    """Return the findings on a garment's UVs; a corner without any is -1 in `faces_uv`."""
+def check_uvs(garment: Garment, *, layout: bool = True) -> list[Finding]:
+    """Return the findings on a garment's UVs; a corner without any is -1 in `faces_uv`.
+
+    Without `layout` faces that cover each other are not looked for: a warning at most.
+    """
     missing = np.asarray((garment.faces_uv < 0).any(axis=1))
     if missing.any() or not len(garment.uv):
         return [_missing(missing)]
     outside = _range(garment.uv)
     area = signed_areas(garment.uv, garment.faces_uv)
     found = [Finding("UVs missing", "ok", "none"), outside, _flat(area), _flipped(garment, area)]
-    if outside.severity != "error":
+    if layout and outside.severity != "error":
         found += _layout(garment)
     return found
 

@@ -18,11 +18,14 @@ from garment_jax.validator.track_checks import check_track
 _TURNED = 1e-2  # of R R^T from the identity; as `data.validation`
 
 
-def check_clip(clip: RawClip) -> list[Finding]:
-    """Return the findings on an open clip; where a repair is safe the clip is repaired on the way."""
+def check_clip(clip: RawClip, *, warn: bool = True) -> list[Finding]:
+    """Return the findings on an open clip; where a repair is safe the clip is repaired on the way.
+
+    Without `warn` the costly checks are left out that never find an error: overlapping UVs, strain, folds.
+    """
     found = [*clip.found, *settle_conventions(clip)]
     garment, body = clip.scene.garment, clip.scene.body
-    found += check_mesh(garment.template, garment.faces) + check_uvs(garment)
+    found += check_mesh(garment.template, garment.faces) + check_uvs(garment, layout=warn)
     found += check_body(body) + _pin_weights(clip)
     if any(finding.repair is not None and finding.repair.kind == "weights" for finding in found):
         clip.repair(next(f.repair for f in found if f.repair is not None and f.repair.kind == "weights"))
@@ -34,7 +37,7 @@ def check_clip(clip: RawClip) -> list[Finding]:
     if _has_error(found, "garment unit"):
         return found
     sound = not _has_error(found, "static", "jumps") and clip.moves_cloth and clip.frames > 1
-    cloth = check_cloth(clip) if sound else []
+    cloth = check_cloth(clip, warn=warn) if sound else []
     dressed = check_dressed(clip, cloth=sound and not _has_error(cloth, "vertex order", "pins"))
     if _has_error(dressed, "template on body"):  # pins start from the template
         cloth = [finding for finding in cloth if finding.check != "pins"]

@@ -18,10 +18,10 @@ PIN_ODD, PIN_WRONG = 0.01, 0.05  # metres
 _FROZEN, _BODY_MOVES = 1e-4, 2e-3  # metres a frame: cloth rounded to 0.05 mm steps stands, the body does not
 
 
-def check_cloth(clip: RawClip) -> list[Finding]:
+def check_cloth(clip: RawClip, *, warn: bool = True) -> list[Finding]:
     """Return the findings on the garment's vertices, metres, Y up. One fault is told once: what follows from
-    a wrong vertex order is not listed beside it."""
-    scan = scan_clip(clip)
+    a wrong vertex order is not listed beside it. `warn` as in `clip_checks.check_clip`."""
+    scan = scan_clip(clip, shape=warn)
     found = [_finite(scan, clip)]
     if not len(scan.sampled):  # all that would be measured is not finite
         return found
@@ -33,7 +33,11 @@ def check_cloth(clip: RawClip) -> list[Finding]:
     if order.severity == "error" or jumps.severity == "error":
         return found
     found += [_torn(scan, clip), _pins(scan, clip)]
-    return found if found[-2].severity != "ok" else [*found, _strain(scan, clip), _folded(scan, clip)]
+    return (
+        found
+        if found[-2].severity != "ok" or not warn
+        else [*found, _strain(scan, clip), _folded(scan, clip)]
+    )
 
 
 def _at(clip: RawClip, frame: int) -> str:

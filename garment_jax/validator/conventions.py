@@ -164,7 +164,7 @@ def _frames_unit(clip: RawClip) -> Finding:
     if not clip.moves_cloth:
         return Finding("frames unit", "ok", "no garment in the file")
     edges, template = unique_edges(clip.scene.garment.faces), clip.scene.garment.template
-    ratio = edge_ratio(clip.read(0, 1)[0], template, edges)
+    ratio = edge_ratio(clip.read(0, 1)[0], edge_lengths(template, edges), edges)
     finite = ratio[np.isfinite(ratio)]
     middle = float(np.median(finite)) if len(finite) else 1.0
     unit, inverse = scale_of(middle), scale_of(1 / max(middle, 1e-9))
@@ -180,8 +180,12 @@ def _frames_unit(clip: RawClip) -> Finding:
     )
 
 
-def edge_ratio(V: np.ndarray, template: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return each edge's length over the template's, `[e]`; where that is 0, 1."""
-    rest = np.linalg.norm(template[edges[:, 0]] - template[edges[:, 1]], axis=-1)
-    now = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=-1)
-    return np.where(rest > 0, now / np.where(rest > 0, rest, 1.0), 1.0)
+def edge_lengths(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the lengths `[e]` of edges `[e, 2]` between vertices `[n, 3]`."""
+    along = V[edges[:, 0]] - V[edges[:, 1]]
+    return np.sqrt(np.einsum("ex,ex->e", along, along))
+
+
+def edge_ratio(V: np.ndarray, rest: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return each edge's length over that at rest, `[e]`; where `rest` `[e]` is 0, 1."""
+    return np.where(rest > 0, edge_lengths(V, edges) / np.where(rest > 0, rest, 1.0), 1.0)

@@ -9,7 +9,7 @@ from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.finding import Finding
 from garment_jax.validator.body_checks import LARGEST, SMALLEST
 from garment_jax.validator.cloth_checks import FAST, SCRAMBLED, STATIC, STRAIN
-from garment_jax.validator.conventions import edge_ratio
+from garment_jax.validator.conventions import edge_lengths, edge_ratio
 from garment_jax.validator.track_checks import jump_frames, longest_run, trailing_frames
 
 WINDOW = 64  # frames in memory at once
@@ -175,7 +175,7 @@ def _ending(step: np.ndarray) -> list[Finding]:
 
 
 def _edges(V: np.ndarray, rest: np.ndarray, edges: np.ndarray) -> Finding:
-    ratio = edge_ratio(V, rest, edges)
+    ratio = edge_ratio(V, edge_lengths(rest, edges), edges)
     ratio = ratio / max(float(np.median(ratio)), 1e-9)  # the template may be in another unit
     low, high = np.percentile(ratio, [1, 99])
     if high / max(low, 1e-6) > SCRAMBLED:

@@ -31,7 +31,7 @@ def refuse_errors(path: Path, where: str, *, packed: bool = False) -> None:
     """
     try:
         with RawClip(path) as clip:
-            faults = [finding for finding in check_clip(clip) if finding.severity == "error"]
+            faults = [finding for finding in check_clip(clip, warn=False) if finding.severity == "error"]
             axis = _other_axis(clip) if faults and faults[0].check == "pins" else None
     except (ValueError, OSError) as error:
         raise ValueError(str(error).replace(str(path), where)) from error
