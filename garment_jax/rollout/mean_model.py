@@ -37,5 +37,9 @@ def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
                 f"{name} has other {odd} than {names[0]}; a mean is of models that began from one "
                 "(training.begin_from)."
             )
-    mean = jax.tree.map(lambda *leaves: sum(leaves) / len(leaves), *(codes(model) for model in models))
+    # on the host: jax would compile a sum and a quotient for every shape
+    mean = jax.tree.map(
+        lambda *leaves: jax.device_put(sum(map(np.asarray, leaves)) / np.float32(len(leaves))),
+        *(codes(model) for model in models),
+    )
     return first._replace(params=first.params | mean)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.seeds import Seeds, make_seeds
@@ -191,8 +190,8 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
         statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
         _check_statistics(statistics)
         described = facts["garment_hash"], facts["vertices"], facts["fps"], read_seen_body(facts.get("seen"))
-        # widened on the host: jax would compile a program for every shape
-        params = _unflatten({name: jnp.asarray(np.asarray(x, np.float32)) for name, x in arrays.items()})
+        # widened on the host, and no `jnp.asarray`: jax would compile a program for every shape
+        params = _unflatten({name: jax.device_put(np.asarray(x, np.float32)) for name, x in arrays.items()})
     return Model(config, params, statistics, *described)
 
 

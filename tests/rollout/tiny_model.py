@@ -116,7 +116,8 @@ def canonical_model() -> Model:
 def drawn(rng: np.random.Generator, shape: tuple[int, ...]) -> jax.Array:
     """Return a kernel larger than usual, or a bias: garments swing by decimetres and state matters."""
     fan_in = int(np.prod(shape[:-1])) if len(shape) > 1 else 25
-    return jnp.asarray(rng.normal(size=shape) * 1.5 / np.sqrt(fan_in), jnp.float32)
+    drawn = rng.normal(size=shape) * 1.5 / np.sqrt(fan_in)
+    return jax.device_put(drawn.astype(np.float32))  # `jnp.asarray` compiles a program for every shape
 
 
 def template(model: Model | None = None) -> Template:
