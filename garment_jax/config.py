@@ -416,8 +416,12 @@ def _checked(name: str, hint: Any, value: Any, source: str) -> Any:
     if type(value) is not hint:
         kind = {int: "a whole number", float: "a number", bool: "true or false", str: "a string"}[hint]
         raise ValueError(f"{source}: {name} = {value!r} must be {kind}.")
-    if hint is str and not _is_text(value):
-        raise ValueError(f"{source}: {name} = {value!r} holds bytes that are no UTF-8; rename what it names.")
+    if isinstance(value, str):
+        if not _is_text(value):
+            raise ValueError(
+                f"{source}: {name} = {value!r} holds bytes that are no UTF-8; rename what it names."
+            )
+        return value
     return _in_range(name, value, source) if hint in (int, float) else value
 
 

@@ -17,6 +17,9 @@ from garment_jax.intake.finding import _CHECKED_WITH, refusal
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "garment_jax"
+BUILT = re.compile(
+    r"(?<![\w-])--([a-z-]*\{\}[a-z-]*(?:\{\}[a-z-]*)*)(?![\w.])"
+)  # an option with a part filled in
 OPTION = re.compile(r"(?<![\w-])--([a-z][\w.-]*\w)")
 FOREIGN = {"formats/blender.py", "cli/__init__.py"}  # another program's command line; the parser of all
 
@@ -30,9 +33,15 @@ def words_of(node: ast.AST) -> str | None:
     return None
 
 
-def sentences(path: Path) -> Iterator[tuple[int, str]]:
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def sentences(path: Path) -> tuple[tuple[int, str], ...]:
     """The strings of a module, by line, without its docstrings."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree, found = parsed(path), []
     skipped: set[int] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr):
@@ -41,14 +50,15 @@ def sentences(path: Path) -> Iterator[tuple[int, str]]:
             skipped |= {id(value) for value in node.values}
     for node in ast.walk(tree):
         if (words := words_of(node)) is not None and id(node) not in skipped:
-            yield node.lineno, words  # type: ignore[attr-defined]
+            found.append((node.lineno, words))  # type: ignore[attr-defined]
+    return tuple(found)
 
 
 @cache
 def imported(path: Path) -> frozenset[Path]:
     """The modules of the package that a module names in its imports, those in functions too."""
     found: set[Path] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         names: list[str] = []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -77,9 +87,7 @@ def options_of(parser: argparse.ArgumentParser) -> set[str]:
 
 def options_of_script(path: Path) -> set[str]:
     """The options that a script outside the package adds to its parser."""
-    calls = [
-        node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)
-    ]
+    calls = [node for node in ast.walk(parsed(path)) if isinstance(node, ast.Call)]
     named = [
         words_of(arg)
         for call in calls
@@ -103,6 +111,29 @@ def programs() -> dict[str, tuple[Path, set[str]]]:
     return found
 
 
+@cache
+def names_in(node: ast.AST) -> frozenset[str]:
+    """All names and attributes that a piece of a module speaks of: what it can call is among them."""
+    nodes = list(ast.walk(node))
+    attributes = {n.attr for n in nodes if isinstance(n, ast.Attribute)}
+    return frozenset(attributes | {n.id for n in nodes if isinstance(n, ast.Name)})
+
+
+def functions_reached(script: str) -> Iterator[tuple[Path, ast.AST]]:
+    """The functions and classes that a script can come to, by their names alone: more than it calls."""
+    there: dict[str, list[tuple[Path, ast.AST]]] = {}
+    for module in REACHED[script]:
+        for node in parsed(module).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                there.setdefault(node.name, []).append((module, node))
+    seen, todo = set(), set(names_in(parsed(ROOT / script)))
+    while todo:
+        seen.add(name := todo.pop())
+        for module, node in there.get(name, []):
+            yield module, node
+            todo |= names_in(node) - seen
+
+
 KEYS = {f"{section}.{key}" for section, keys in dataclasses.asdict(Config()).items() for key in keys}
 SECTIONS = "|".join(field.name for field in dataclasses.fields(Config))
 KEY = re.compile(rf"(?<![\w.-])((?:{SECTIONS})\.[a-z_]+)(?![\w/])")
@@ -123,6 +154,23 @@ def test_options_in_sentences_exist(module: Path) -> None:
         known = set().union(*own, *named)
         for option in OPTION.findall(words):
             assert option in known, f"{module.name}:{line}: no command that says it has --{option}: {words!r}"
+        for option in BUILT.findall(words):
+            form = re.escape(option.rstrip("-")).replace(r"\{\}", r"[\w-]+")
+            assert any(re.fullmatch(form, one) for one in known), f"{module.name}:{line}: --{option}"
+
+
+@pytest.mark.parametrize("script", ["infer.py", "train.py"])
+def test_a_script_that_says_an_option_has_it(script: str) -> None:
+    """A module serves several commands; what a script can come to names its options, or whose they are."""
+    for module, node in functions_reached(script):
+        last = node.end_lineno or 0  # type: ignore[attr-defined]
+        for line, words in sentences(module):
+            if "--" in words and node.lineno <= line <= last:  # type: ignore[attr-defined]
+                named = [
+                    o for name, (_, o) in PROGRAMS.items() if re.search(rf"\b{re.escape(name)}\b", words)
+                ]
+                lacking = set(OPTION.findall(words)) - set().union(PROGRAMS[script][1], *named)
+                assert not lacking, f"{module.name}:{line}: {script} has no {lacking}: {words!r}"
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))

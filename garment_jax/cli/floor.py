@@ -2,7 +2,16 @@
 
 import argparse
 import json
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from garment_jax.simulation.settings import ClothSettings
+
+PER_FRAME = "rmse_cm_per_frame"
 
 
 def add(commands) -> None:
@@ -27,15 +36,8 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    import numpy as np
-
-    from garment_jax.data.replaceable import RESTARTED, check_floor_out
-    from garment_jax.data.sequence import open_sequence
-    from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
-    from garment_jax.data.validation import check_input, check_simulated, measure_extent
-    from garment_jax.simulation.clips import ENGINE
-    from garment_jax.simulation.command import check_same_cloth, cloth_settings, read_pattern
-    from garment_jax.simulation.floor import floor_of, summary
+    from garment_jax.data.replaceable import check_floor_out
+    from garment_jax.simulation.command import cloth_settings, read_pattern
 
     if options.out is not None and len(options.clips) > 1:
         raise ValueError(f"--out {options.out} holds one clip, and {len(options.clips)} are given; name one.")
@@ -45,38 +47,67 @@ def run(options: argparse.Namespace) -> None:
         check_floor_out(options.out)
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
-    found = []
+    found, left_out = [], []
     for path in options.clips:
-        with open_sequence(path) as clip:
-            check_simulated(clip)
-            check_input(clip)
-            measure_extent(clip)  # frames that are not finite
-            check_same_cloth(clip, settings)
-            floor = floor_of(
-                clip,
-                settings,
-                start=options.start,
-                frames=options.frames,
-                flat=flat,
-                own_start=options.own_start,
-            )
-            if options.out is not None:
-                far = np.abs(floor.V - floor.motion.root[:, None]).max() > INT16_REACH
-                encoding = "float32" if far else "int16"
-                attributes = {
-                    "kind": "simulated",
-                    "name": clip.name,
-                    "engine": ENGINE,
-                    "settings": settings.describe(),
-                    RESTARTED: options.start,
-                }
-                with SequenceWriter(
-                    options.out, clip.scene, floor.motion, encoding=encoding, attributes=attributes
-                ) as writer:
-                    writer.append(floor.V)
-        figures = summary(floor)
-        found.append(figures | {"rmse_cm_per_frame": [round(float(e), 4) for e in floor.rmse_cm]})
+        try:
+            figures = _restarted(path, options, settings, flat)
+        except (ValueError, OSError) as error:
+            if len(options.clips) == 1:
+                raise
+            left_out.append(str(path))
+            print(f"left out: {error}", file=sys.stderr, flush=True)  # stdout is the list of --json
+            continue
+        found.append(figures)
         if not options.json:
-            print("\n".join(f"{key:<20} {value}" for key, value in figures.items()))
+            print("\n".join(f"{k:<20} {v}" for k, v in figures.items() if k != PER_FRAME))
     if options.json:
         print(json.dumps(found))
+    if left_out:
+        raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
+
+
+def _restarted(
+    path: Path, options: argparse.Namespace, settings: "ClothSettings", flat: "np.ndarray | None"
+) -> dict[str, Any]:
+    """Return the figures of one clip, those per frame under `PER_FRAME`; write its restart where asked."""
+    import numpy as np
+
+    from garment_jax.data.replaceable import RESTARTED
+    from garment_jax.data.sequence import open_sequence
+    from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
+    from garment_jax.data.validation import check_input, check_simulated, measure_extent
+    from garment_jax.simulation.clips import ENGINE
+    from garment_jax.simulation.command import check_same_cloth
+    from garment_jax.simulation.floor import floor_of, summary
+
+    with open_sequence(path) as clip:
+        check_simulated(clip)
+        check_input(clip)
+        measure_extent(clip)  # frames that are not finite
+        check_same_cloth(clip, settings)
+        floor = floor_of(
+            clip,
+            settings,
+            start=options.start,
+            frames=options.frames,
+            flat=flat,
+            own_start=options.own_start,
+        )
+        if options.out is not None:
+            far = np.abs(floor.V - floor.motion.root[:, None]).max() > INT16_REACH
+            attributes = {
+                "kind": "simulated",
+                "name": clip.name,
+                "engine": ENGINE,
+                "settings": settings.describe(),
+                RESTARTED: options.start,
+            }
+            with SequenceWriter(
+                options.out,
+                clip.scene,
+                floor.motion,
+                encoding="float32" if far else "int16",
+                attributes=attributes,
+            ) as writer:
+                writer.append(floor.V)
+    return summary(floor) | {PER_FRAME: [round(float(e), 4) for e in floor.rmse_cm]}

@@ -131,6 +131,7 @@ def run(options: argparse.Namespace) -> None:
     check_numbers(vars(options))
     settings = cloth_settings([*EMBEDDED_CLOTH.get(options.embedded, []), *options.cloth])
     flat = None if options.pattern is None else read_pattern(options.pattern)
+    left_out: list[str] = []
     if options.embedded is not None:
         from garment_jax.embedded.scene import make_outfit
 
@@ -150,7 +151,7 @@ def run(options: argparse.Namespace) -> None:
         )
         check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
     else:
-        scene, jobs = _own_files(options, settings.fps)
+        scene, jobs = _own_files(options, settings.fps, left_out)
         check_rest_shape(scene.garment, flat, options.pattern or options.garment)
     show = partial(print, flush=True)
     outcomes = simulate_clips(
@@ -165,10 +166,10 @@ def run(options: argparse.Namespace) -> None:
         progress=show,
     )
     kept = [outcome for outcome in outcomes if outcome.path is not None]
-    print(f"{options.out}: {len(kept)} of {len(outcomes)} clips")
-    if len(kept) < len(outcomes):
-        lost = ", ".join(outcome.job for outcome in outcomes if outcome.path is None)
-        raise ValueError(f"left out: {lost}; the reasons are above.")
+    print(f"{options.out}: {len(kept)} of {len(outcomes) + len(left_out)} clips")
+    left_out += [outcome.job for outcome in outcomes if outcome.path is None]
+    if left_out:
+        raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
 
 
 def _check_way(options: argparse.Namespace) -> None:
@@ -190,8 +191,8 @@ def _check_way(options: argparse.Namespace) -> None:
             raise ValueError(f"--{option} is for simulate {ways}; leave it out.")
 
 
-def _own_files(options: argparse.Namespace, fps: float) -> tuple:
-    """Return the scene and the clips that a user's own files describe."""
+def _own_files(options: argparse.Namespace, fps: float, left_out: list[str]) -> tuple:
+    """Return the scene and the clips that a user's own files describe; motions without use: `left_out`."""
     import numpy as np
 
     from garment_jax.body.retarget import read_joint_table
@@ -264,5 +265,8 @@ def _own_files(options: argparse.Namespace, fps: float) -> tuple:
         mesh=options.motion_mesh,
         skeleton=options.motion_skeleton,
         say=partial(print, flush=True),
+        left_out=left_out,
     )
+    if not jobs:
+        raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
     return scene, jobs

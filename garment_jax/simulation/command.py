@@ -189,8 +189,12 @@ def motion_jobs(
     mesh: str | None = None,
     skeleton: str | None = None,
     say: Callable[[str], None] = print,
+    left_out: list[str] | None = None,
 ) -> list[Job]:
     """Return a clip for every motion named, or found in a folder named; those in `test` are for testing.
+
+    A motion of several that cannot be used gets a line, its name comes into `left_out`, and the others go on;
+    a single one raises.
 
     The unit of `body_file` is that of a motion in the same file, whose own `unit` is not said. The other
     options as in `read_motion`.
@@ -208,25 +212,32 @@ def motion_jobs(
     jobs = []
     for file in files:
         same = body_file is not None and file.resolve() == body_file.resolve()
-        motion = read_motion(
-            file,
-            body,
-            fps=fps,
-            source_fps=source_fps,
-            joints=joints,
-            skip=skip,
-            rest_frame=rest_frame,
-            floor=floor,
-            unit=body_unit if unit is None and same else unit,
-            up=up,
-            rest_up=rest_up,
-            origin=origin,
-            animation=animation,
-            mesh=mesh,
-            skeleton=skeleton,
-            say=say,
-        )
-        check_motion(motion, str(file))
+        try:
+            motion = read_motion(
+                file,
+                body,
+                fps=fps,
+                source_fps=source_fps,
+                joints=joints,
+                skip=skip,
+                rest_frame=rest_frame,
+                floor=floor,
+                unit=body_unit if unit is None and same else unit,
+                up=up,
+                rest_up=rest_up,
+                origin=origin,
+                animation=animation,
+                mesh=mesh,
+                skeleton=skeleton,
+                say=say,
+            )
+            check_motion(motion, str(file))
+        except (ValueError, OSError) as error:
+            if left_out is None or len(files) == 1:
+                raise
+            left_out.append(file.stem)
+            say(f"{file.stem}: left out: {error}")
+            continue
         jobs.append(Job(file.stem, "test" if file.stem in test else "train", motion))
     return jobs
 

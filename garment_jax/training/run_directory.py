@@ -82,7 +82,7 @@ def run_facts(path: Path) -> dict[str, Any]:
     except ValueError:
         facts = None
     if not isinstance(facts, dict):
-        raise ValueError(f"{file} is damaged; put it back, or use another --run-dir.")
+        raise ValueError(f"{file} is damaged; put it back, or train into another folder.")
     return facts
 
 

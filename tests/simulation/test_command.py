@@ -200,3 +200,15 @@ def test_a_bvh_that_does_not_fit_is_refused_by_file(tmp_path: Path):
         motion_jobs([tmp_path], scene.body, fps=30.0)
     (job,) = motion_jobs([tmp_path], scene.body, fps=30.0, skip=1)
     assert len(job.motion.root) == 11
+
+
+def test_one_motion_of_several_that_does_not_fit_leaves_the_others(tmp_path: Path):
+    scene = make_scene()
+    write_bvh(tmp_path / "walk.bvh", scene.body, make_motion(scene, 12))
+    (tmp_path / "bad.bvh").write_text("HIERARCHY")
+    said, left_out = [], []
+    (job,) = motion_jobs([tmp_path], scene.body, fps=30.0, say=said.append, left_out=left_out)
+    assert (job.name, left_out) == ("walk", ["bad"])
+    assert said[0].startswith(f"bad: left out: {tmp_path / 'bad.bvh'}")
+    with pytest.raises(ValueError, match=r"bad\.bvh"):
+        motion_jobs([tmp_path / "bad.bvh"], scene.body, fps=30.0, left_out=left_out)

@@ -81,6 +81,12 @@ def test_the_command_prints_a_list_that_the_benchmark_reads(tmp_path: Path, monk
         ("a", 2.5, 3),
         ("b", 2.5, 3),
     ]
+    other = str(write_clip(tmp_path / "pred.h5", 12, attributes={"kind": "predicted"}))
+    assert main(["floor", clips[0], other, clips[1], "--json"]) == 2  # one clip's fault is that clip's
+    said = capsys.readouterr()
+    assert [f["clip"] for f in json.loads(said.out)] == ["a", "b"]
+    assert "left out: " in said.err
+    assert said.err.endswith("pred.h5; the reasons are above.\n")
     assert main(["floor", *clips, "--out", str(tmp_path / "again.h5")]) == 2
     assert "holds one clip, and 2 are given; name one" in capsys.readouterr().err
 

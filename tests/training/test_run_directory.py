@@ -26,7 +26,9 @@ def test_another_configuration_is_refused_with_key_values_and_remedy(tmp_path: P
 def test_facts_that_are_none_are_refused(tmp_path: Path, text: str) -> None:
     prepare_run(tmp_path, Config(), facts={"garment": "a"})
     (tmp_path / "facts.json").write_text(text)
-    with pytest.raises(ValueError, match=r"facts\.json is damaged; put it back, or use another --run-dir"):
+    with pytest.raises(
+        ValueError, match=r"facts\.json is damaged; put it back, or train into another folder"
+    ):
         check_run(tmp_path, Config(), facts={"garment": "a"})
 
 
