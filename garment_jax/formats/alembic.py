@@ -160,6 +160,8 @@ def _sampling_data(file: Any, size: int, root: int) -> bytes:
     offset = _child(file, root, 4, size)
     if not offset & _DATA:
         raise IndexError("a group where data should be")
+    if offset & ~_DATA >= size:  # the system refuses to go far beyond the end, in its own words
+        raise IndexError("data beyond the end")
     file.seek(offset & ~_DATA)
     length = struct.unpack("<Q", file.read(8))[0]
     if length > size:

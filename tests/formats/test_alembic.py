@@ -46,6 +46,7 @@ def test_times_are_those_of_the_longest_sampling(tmp_path: Path, samplings: byte
         (archive(IDENTITY)[:30], "is cut short or damaged"),
         (archive(IDENTITY, root=10**12), "is cut short or damaged"),
         (archive(IDENTITY, children=3), "is cut short or damaged"),
+        (archive(IDENTITY).replace(struct.pack("<Q", 16 | 1 << 63), b"\xff" * 8), "is cut short or damaged"),
         (archive(IDENTITY).replace(struct.pack("<Q", 24), struct.pack("<Q", 10**15), 1), "is cut short"),
         (archive(sampling(9, 0.25, 1.5)[:-3]), "is cut short or damaged"),
         (archive(sampling(4_000_000_000, 0.25, 1.5)), "announces 4000000000 samples"),
