@@ -44,24 +44,27 @@ def settle_up(
     `at`: role -> joint (`local_axes.NEEDED`). `usual` is the format's axis, `said` the user's, `rest_up` the
     one along which the file's rest pose stands. The skeleton's posture counts where the axis is also the one
     that it stands on: the rest pose has it too, or the feet stay at 0 and the hips at the legs' height, or
-    the clip travels along `usual` and not along it; else somebody lies there. Raises `ValueError` where the
-    user says another axis than the motion shows.
+    the clip travels along `usual` and not along it; else somebody lies there. What the user says counts
+    against one such sign, with a note. Raises `ValueError` where the user says another axis than the motion
+    shows beyond doubt: it travels across that axis, or the rest pose and the floor both agree with it.
     """
     shown, sure = upright_axis(positions, at)
     expected = said or usual
     if sure < _SURE or shown == expected:
         return UpAxis(expected)
-    if (
-        rest_up != shown
-        and not _stands(positions, at, shown)
-        and not _travels(positions, at, expected, shown)
-    ):
+    travels = _travels(positions, at, expected, shown)
+    signs = (rest_up == shown) + _stands(positions, at, shown)
+    if not signs and not travels:
         lying = f"the body lies along {shown} with {expected} up"
         return UpAxis(expected, f"{lying}, which is as the format has it (--motion-up says otherwise)")
-    if said is not None:
-        remedy = f"give --motion-up {shown}" if shown in ("Y", "Z") else "leave --motion-up out"
+    if said is None:
+        return UpAxis(shown, f"the motion stands along {shown}, not along {usual}: taken for {shown} up")
+    remedy = f"give --motion-up {shown}" if shown in ("Y", "Z") else "leave --motion-up out"
+    if travels or signs == 2:
         raise ValueError(f"the motion stands along {shown}, not along {said}; {remedy}.")
-    return UpAxis(shown, f"the motion stands along {shown}, not along {usual}: taken for {shown} up")
+    return UpAxis(
+        said, f"the body lies along {shown} with {said} up, as you say; if it should stand, {remedy}"
+    )
 
 
 def axis_name(direction: np.ndarray) -> str:

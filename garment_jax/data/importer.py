@@ -26,7 +26,7 @@ from garment_jax.data.packed_clip import (
 from garment_jax.data.sequence_writer import SequenceWriter
 from garment_jax.formats.damage import reads_foreign
 from garment_jax.storage.lock import lock_name, locked
-from garment_jax.storage.scratch import sweep
+from garment_jax.storage.scratch import sweep, unmade
 from garment_jax.structs import Scene
 
 Check = Callable[[Path, str], None]  # of a whole file, and the name to blame
@@ -104,7 +104,7 @@ def import_clip(
             raise ValueError(f"{source}: {path} was just written from another clip; rename one of them.")
         frames = len(dataset(file, "root", str(source)))
         content = _content_hash([source, *(asset for asset in assets if asset is not None)])
-        with locked(Path(out), f"importing {name}", name=lock_name(name)):
+        with unmade(path.parent), locked(Path(out), f"importing {name}", name=lock_name(name)):
             if stored_hash(path) == content:
                 sweep(path.parent)  # what a run left that was killed between writing and tidying
                 return ImportedClip(source, path, frames, skipped=True)

@@ -22,6 +22,7 @@ _SCRIPT = Path(__file__).with_name("blender_alembic.py")
 _SAMPLING = struct.Struct("<IdI")  # most samples, seconds a cycle, number of times in a cycle
 _DATA = 1 << 63  # an Ogawa offset with this bit names data, without it a group
 _MOST_FRAMES = 1_000_000  # nine hours at 30 frames a second; a file with more is damaged
+_SECONDS, _SECONDS_A_FRAME = 600, 0.5  # of the clock; damage can make Blender read for ever
 _ACYCLIC = 1e300  # seconds a cycle of a file whose times are all listed
 
 
@@ -66,23 +67,28 @@ def read_alembic(
             "mesh": None,
         }
         job |= {name: str(folder / file) for name, file in _FILES.items()}
-        _run(job, folder, blender)
+        seconds = _SECONDS + _SECONDS_A_FRAME * timing.count
+        _run(job, folder, blender, seconds)
         names = json.loads((folder / _FILES["names"]).read_text(encoding="utf-8"))
         chosen = choose_mesh(names, mesh, str(path), option)
         if len(names) > 1:  # an only mesh is there already
-            _run(job | {"mesh": chosen}, folder, blender)
+            _run(job | {"mesh": chosen}, folder, blender, seconds)
         return _collect(folder, timing)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, TimeoutError):
+            raise OSError(
+                f"{path} is damaged or too long ({str(error).rstrip('.')}); export it again, or cut it."
+            ) from error
         raise
 
 
 _FILES = {"names": "names.json", "vertices": "vertices.npy", "arrays": "arrays.npz"}
 
 
-def _run(job: dict, folder: Path, blender: str | Path | None) -> None:
+def _run(job: dict, folder: Path, blender: str | Path | None, seconds: float | None = None) -> None:
     (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
-    run_blender(_SCRIPT, [str(folder / "job.json")], blender=blender)
+    run_blender(_SCRIPT, [str(folder / "job.json")], blender=blender, seconds=seconds)
 
 
 def _collect(folder: Path, timing: Timing) -> MeshCache:

@@ -35,12 +35,18 @@ def find_blender(given: str | Path | None = None) -> Path:
     raise FileNotFoundError(f"this needs Blender, which is not here; {_REMEDY}.")
 
 
-def run_blender(script: str | Path, arguments: list[str], *, blender: str | Path | None = None) -> str:
+def run_blender(
+    script: str | Path,
+    arguments: list[str],
+    *,
+    blender: str | Path | None = None,
+    seconds: float | None = None,
+) -> str:
     """Run a Python `script` in Blender and return what it printed.
 
     The script finds `arguments` after "--" in `sys.argv`. It says what is wrong by `sys.exit("sentence")`,
     which arrives as `ValueError`. Raises `FileNotFoundError` without Blender, `OSError` where Blender itself
-    fails. Ctrl-C ends Blender too.
+    fails, `TimeoutError` where it took more than `seconds` and was ended. Ctrl-C ends Blender too.
     """
     program = find_blender(blender)
     if "python" in program.name.lower():
@@ -50,7 +56,11 @@ def run_blender(script: str | Path, arguments: list[str], *, blender: str | Path
         options = ["--background", "--factory-startup", "--python-exit-code", "1", "--python"]
         command = [str(program), *options, str(script), "--", *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", check=False, timeout=seconds
+        )
+    except subprocess.TimeoutExpired as error:
+        raise TimeoutError(f"{program} took more than {seconds:g} s and was ended.") from error
     except OSError as error:
         raise OSError(f"{program} could not be started ({error.strerror}); {_REMEDY}.") from error
     if done.returncode == 0:

@@ -22,7 +22,7 @@ from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
 from garment_jax.storage.lock import lock_name, locked
-from garment_jax.storage.scratch import sweep
+from garment_jax.storage.scratch import sweep, unmade
 
 _BLOCK = 2**20  # bytes hashed at once
 
@@ -68,7 +68,7 @@ def import_sources(
         path = out / ("test" if names[i] in test else "train") / f"{names[i]}.h5"
         try:
             hold = locked(out, f"importing {source.name}", name=lock_name(source.name))
-            with hold, reading(source.path):
+            with unmade(path.parent), hold, reading(source.path):
                 outcome = _import_source(source, path, settings, progress, check)
         except (ValueError, OSError) as error:
             if len(sources) == 1:

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.up_axis import TO_Y
+
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inches": 0.0254, "ft": 0.3048}
 _AXES = ("Y", "Z")
 _METRES = (0.15, 2.5)  # extents of garments and bodies that wear them, in metres
-# (x, y, z) with Z up becomes (x, z, -y): what was in front, -Y as in Blender, is at +Z
-Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 class Unit(NamedTuple):
@@ -35,7 +35,7 @@ def turn_to_y_up(up: str, option: str = "--up") -> np.ndarray:
     """Return the rotation `[3, 3]` of column vectors from a world with that axis up to Y up."""
     if up.upper() not in _AXES:
         raise ValueError(f"{option} {up} is no up axis that is known; give {' or '.join(_AXES)}.")
-    return np.eye(3) if up.upper() == "Y" else Z_TO_Y
+    return TO_Y[up.upper()]
 
 
 def to_metres_y_up(points: np.ndarray, unit: float | str, up: str) -> np.ndarray:
@@ -45,7 +45,7 @@ def to_metres_y_up(points: np.ndarray, unit: float | str, up: str) -> np.ndarray
     """
     with np.errstate(over="ignore"):  # what a type cannot hold is infinite, and refused as such
         turned = points * np.asarray(metres_per_unit(unit), points.dtype)
-    if turn_to_y_up(up) is Z_TO_Y:
+    if turn_to_y_up(up) is TO_Y["Z"]:
         turned = np.stack([turned[..., 0], turned[..., 2], -turned[..., 1]], axis=-1)
     return turned
 

@@ -28,6 +28,19 @@ def scratch(folder: Path) -> Iterator[Path]:
         remove_scratch(made)
 
 
+@contextmanager
+def unmade(folder: Path) -> Iterator[None]:
+    """If what follows raises, remove `folder` and those above it that were not there before, where empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # one that holds something, or was never made
+            for path in missing:
+                path.rmdir()
+        raise
+
+
 def make_scratch(folder: Path) -> Path:
     """Make a folder for this process' unfinished files inside `folder`, and sweep there first.
 

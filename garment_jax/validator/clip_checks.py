@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from garment_jax.body.frame_windows import stretches
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.intake.finding import Finding
 from garment_jax.intake.mesh_checks import check_mesh
@@ -59,9 +60,11 @@ def _pin_weights(clip: RawClip) -> list[Finding]:
 
 
 def _rotations(clip: RawClip) -> Finding:
-    R = clip.motion.rotations.astype(np.float64)
-    error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
-    wrong = (error > _TURNED) | (np.linalg.det(R) < 0)
+    wrong = np.zeros(clip.motion.rotations.shape[:2], bool)
+    for _, frames in stretches(len(wrong)):  # a long clip's matrices in float64 would fill the memory
+        R = clip.motion.rotations[frames].astype(np.float64)
+        error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-1, -2))
+        wrong[frames] = (error > _TURNED) | (np.linalg.det(R) < 0)
     if not wrong.any():
         return Finding("rotations", "ok", "all are")
     frame, joint = np.argwhere(wrong)[0]

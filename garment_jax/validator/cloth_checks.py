@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from garment_jax.body.frame_windows import stretches
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.intake.finding import Finding
 from garment_jax.validator.raw_clip import RawClip
@@ -98,8 +99,11 @@ def _jumps(scan: Scan, clip: RawClip) -> Finding:
 
 def _frozen(scan: Scan, clip: RawClip) -> Finding:
     """Cloth that stands in the world, or is carried rigidly, while the body moves under it."""
-    points = joint_positions(clip.motion.rotations, clip.motion.root, clip.scene.body)
-    moves = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1, initial=0.0) > _BODY_MOVES
+    moves = np.zeros(max(clip.frames - 1, 0), bool)
+    for _, frames in stretches(clip.frames, before=1):
+        points = joint_positions(clip.motion.rotations[frames], clip.motion.root[frames], clip.scene.body)
+        step = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1, initial=0.0)
+        moves[frames.start : frames.stop - 1] = step > _BODY_MOVES
     stands = np.fmin(scan.world_step, scan.step) < _FROZEN
     begin, length = longest_run(stands & moves)
     if length < 5:

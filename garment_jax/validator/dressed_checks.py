@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
+from garment_jax.body.frame_windows import stretches
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
 from garment_jax.geometry.winding_number import winding_number
 from garment_jax.intake.finding import Finding, rows
@@ -87,7 +88,10 @@ def _mirrored(template: float, frame: float, where: str) -> Finding:
 
 
 def _floor(clip: RawClip) -> Finding:
-    low = joint_positions(clip.motion.rotations, clip.motion.root, clip.scene.body)[..., 1].min(axis=1)
+    R, root = clip.motion.rotations, clip.motion.root
+    low = np.concatenate(
+        [joint_positions(R[k], root[k], clip.scene.body)[..., 1].min(axis=1) for _, k in stretches(len(root))]
+    )
     above = float(
         np.median(low) - (clip.scene.body.joints[:, 1].min() - clip.scene.body.vertices[:, 1].min())
     )

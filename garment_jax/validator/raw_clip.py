@@ -10,6 +10,7 @@ from types import TracebackType
 import h5py
 import numpy as np
 
+from garment_jax.body.up_axis import TO_Y
 from garment_jax.data import layout
 from garment_jax.data.hdf5 import attributes_of, dataset, has, names_in, open_hdf5, read_window
 from garment_jax.data.sequence import read_arrays
@@ -18,8 +19,6 @@ from garment_jax.intake.finding import Finding, Repair
 from garment_jax.structs import Motion, Scene
 
 ASSUMED_FPS = 30.0  # where the file has no frame rate: only thresholds depend on it
-# a point of a world with Z up (facing -Y) in one with Y up (facing +Z)
-Z_TO_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 class RawClip:
@@ -92,8 +91,8 @@ class RawClip:
             parts = {"unit": ("scene", "root", "frames"), "root unit": ("root",), "frames unit": ("frames",)}
             self._factor |= {part: self._factor[part] * amount for part in parts[kind]}
         elif kind in ("canonical up", "world up", "up"):
-            self._canonical = self._canonical if kind == "world up" else Z_TO_Y
-            self._world = self._world if kind == "canonical up" else Z_TO_Y
+            self._canonical = self._canonical if kind == "world up" else TO_Y["Z"]
+            self._world = self._world if kind == "canonical up" else TO_Y["Z"]
         elif kind == "weights":
             self._normalise_weights()
         elif kind == "first":

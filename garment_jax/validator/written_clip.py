@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.body.kinematics import joint_positions, pose_points
+from garment_jax.body.up_axis import TO_Y
 from garment_jax.intake.finding import Finding
-from garment_jax.intake.units import Z_TO_Y
 from garment_jax.validator.clip_checks import check_clip
 from garment_jax.validator.cloth_checks import PIN_WRONG
 from garment_jax.validator.raw_clip import RawClip
@@ -65,7 +65,7 @@ def _other_axis(clip: RawClip) -> str | None:
     template = clip.scene.garment.template[pins.vertices]
     carried = pose_points(template, pins.weights, R, joint_positions(R, root, body), body.joints)
     shown = np.array([clip.read(k, k + 1)[0, pins.vertices] for k in map(int, frames)])
-    for axis, turn in (("Z", Z_TO_Y), ("Y", Z_TO_Y.T)):
+    for axis, turn in (("Z", TO_Y["Z"]), ("Y", TO_Y["Z"].T)):
         if np.linalg.norm(shown @ turn.T - carried, axis=-1).max() <= PIN_WRONG:
             return axis
     return None

@@ -231,7 +231,7 @@ MIXED = {n: n.replace("Left", "_").replace("Right", "Left").replace("_", "Right"
         (CLIP, {"joints": {"Hips": "Hips", "Spine": "Spine"}}, "holds no leg .* give --motion-unit cm"),
         (CLIP, {"joints": MIXED}, "check that the joint table does not mix left and right"),
         (
-            source(Z_UP, still(), np.zeros((1, 3))),
+            source(Z_UP, still(2), np.array([[0.0, 0, 0], [0, -200, 0]])),
             {"up": "Y"},
             "stands along Z, not along Y; give --motion-up Z",
         ),

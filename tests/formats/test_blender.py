@@ -73,3 +73,8 @@ def test_an_executable_and_a_python_are_called_differently(tmp_path: Path):
 def test_failures_are_one_sentence(tmp_path: Path, lines: str, kind: type, sentence: str):
     with pytest.raises(kind, match=sentence):
         run_blender("script.py", [], blender=stand_in(tmp_path / "blender", lines))
+
+
+def test_a_reader_that_hangs_is_ended(tmp_path: Path):
+    with pytest.raises(TimeoutError, match=r"took more than 0\.1 s and was ended"):
+        run_blender("script.py", [], blender=stand_in(tmp_path / "blender", "exec sleep 30"), seconds=0.1)

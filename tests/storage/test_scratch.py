@@ -4,13 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from garment_jax.storage import processes
 from garment_jax.storage.processes import is_dead, this_process
-from garment_jax.storage.scratch import make_scratch, scratch, sweep
+from garment_jax.storage.scratch import make_scratch, scratch, sweep, unmade
 
 CHILD = "import sys; from pathlib import Path; from garment_jax.storage.scratch import make_scratch; "
 CHILD += "print(make_scratch(Path(sys.argv[1])), flush=True); sys.stdin.read()"
@@ -87,3 +88,19 @@ def test_without_a_process_table_numbers_alone_decide(monkeypatch: pytest.Monkey
     monkeypatch.setattr(processes.Path, "exists", lambda path: False)
     assert not is_dead(this_process()._replace(started=0))
     assert is_dead(this_process()._replace(pid=2**22 + 1))
+
+
+def test_folders_made_for_what_failed_are_removed_and_others_stay(tmp_path: Path) -> None:
+    for kept in ((), ("out",), ("out/train",), ("out/other.h5",)):
+        base = tmp_path / str(len(kept)) / "-".join(kept).replace("/", "_")
+        base.mkdir(parents=True)
+        for name in kept:
+            (base / name).mkdir(parents=True)
+        before = sorted(base.rglob("*"))
+        with suppress(ValueError), unmade(base / "out/train"):
+            (base / "out/train").mkdir(parents=True, exist_ok=True)
+            raise ValueError
+        assert sorted(base.rglob("*")) == before
+    with unmade(tmp_path / "new/train"):
+        (tmp_path / "new/train").mkdir(parents=True)
+    assert (tmp_path / "new/train").is_dir()
