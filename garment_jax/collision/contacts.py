@@ -1,12 +1,11 @@
 """Which vertices are near the body, and where: the constraints of section 3.5, frame after frame.
 
 A vertex that was outside must cross the surface to get in, so only what lies within its own and the
-surface's movement has to be searched; the others are outside without a question. Where two parts of the
-body cross each other the sign of a distance is ambiguous and the proof may rest on the wrong one: in every
-frame a few vertices are searched all the same, in turn.
+surface's movement has to be searched; the others are outside without a question.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +33,7 @@ Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest co
 ANSWERS = 128  # vertices whose correspondence is made at a time
 TOGETHER = 8  # of them that search as a group where few search again
 BRANCHES = 64  # of the surface that are compared with all groups at a time
+T = TypeVar("T")
 PATCH = 32  # groups in a row, which lie together, in one box where branches are left out
 
 
@@ -193,12 +193,6 @@ def of_group(values: Array, tables: CollisionTables) -> Array:
     return values[jnp.asarray(tables.group)]
 
 
-def probed(frame: Int[Array, ""], tables: CollisionTables) -> Bool[Array, " n"]:
-    """Return the vertices searched in this frame whatever is known: every one once in s^2 frames."""
-    s = tables.groups.shape[1]
-    return jnp.asarray(tables.turn) == s * (frame % s) + (frame // s) % s
-
-
 @apart
 def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> tuple[Array, Array]:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
@@ -246,7 +240,7 @@ def _all_answered(contacts: Contacts, local: Float[Array, "3 n"], surface, table
         answer = _answered(made, to, *_asked(here, local, made.triangle), surface, tables)
         return made._replace(**answer)
 
-    return _in_chunks(contacts.known, chunk, contacts)
+    return in_chunks(contacts.known, chunk, contacts)
 
 
 @apart
@@ -296,13 +290,13 @@ def find_again(
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
         last, points = _asked(here, local, made.triangle)
         bound = _bound(here, to, limit, distance_to(last, points, surface, tables.surface))
-        found = search(*_together(points, bound), surface, tables.surface, at_once=ANSWERS)
-        found = _one_by_one(found.triangle)
+        found = search(*together(points, bound), surface, tables.surface, at_once=ANSWERS)
+        found = one_by_one(found.triangle)
         triangle = jnp.where(found >= 0, found, last)
         made = made._replace(**_answered(made, to, triangle, points, surface, tables))
         return made._replace(**_with_the_far(made, here, to, triangle, found, limit))
 
-    return _in_chunks(limit >= 0, chunk, at)
+    return in_chunks(limit >= 0, chunk, at)
 
 
 @apart
@@ -312,13 +306,13 @@ def _bound(here, to, limit: Float[Array, " n"], distance: Float[Array, " k"]) ->
 
 
 @apart
-def _together(points: Float[Array, "3 k"], bound: Float[Array, " k"]) -> tuple[Array, Array]:
+def together(points: Float[Array, "3 k"], bound: Float[Array, " k"]) -> tuple[Array, Array]:
     """Return the same in groups of those that follow each other, the groups last: `[3, s, g]`, `[s, g]`."""
     return points.reshape(3, -1, TOGETHER).transpose(0, 2, 1), bound.reshape(-1, TOGETHER).T
 
 
 @apart
-def _one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
+def one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
     return found.T.reshape(-1)
 
 
@@ -334,18 +328,20 @@ def _with_the_far(made: Contacts, here, to, triangle, found, limit: Float[Array,
     }
 
 
-def _in_chunks(wanted: Bool[Array, " n"], chunk, contacts: Contacts) -> Contacts:
-    """Return the contacts after `chunk(vertices, where to write, contacts)` for all that are wanted.
+def in_chunks(
+    wanted: Bool[Array, " n"], chunk: Callable[[Array, Array, T], T], made: T, many: int = ANSWERS
+) -> T:
+    """Return what is made after `chunk(vertices, where to write, made)` for all that are wanted.
 
-    `ANSWERS` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
+    `many` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
     """
     words, up_to = _marked(wanted)
 
     def one(state):
         at, made = state
-        return at + ANSWERS, chunk(*_some(at, ANSWERS, words, up_to, len(wanted)), made)
+        return at + many, chunk(*_some(at, many, words, up_to, len(wanted)), made)
 
-    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), contacts))[1]
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), made))[1]
 
 
 @apart

@@ -42,7 +42,6 @@ class CollisionState(NamedTuple):
     collider: jax.Array  # [3, c] metres, the last frame's body
     outside: jax.Array  # [n] bool: outside; what is must cross the surface to get in
     correction: jax.Array  # [3, n] metres, answer minus input: the next solve begins from it
-    frame: jax.Array  # [] int32, counts up: whose proof is checked in this frame
 
 
 class Planes(NamedTuple):

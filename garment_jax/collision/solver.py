@@ -18,20 +18,20 @@ from garment_jax.collision.contacts import (
     boxes_of,
     collider_of,
     crossing_limit,
+    find_again,
     find_contacts,
     in_groups,
-    of_group,
-    probed,
 )
 from garment_jax.collision.loop import End, iterate
 from garment_jax.collision.region import Members, dilate, find_members
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
+from garment_jax.collision.union import pushed, sided
 from garment_jax.geometry.apart import apart, materialised
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 from garment_jax.geometry.triangle import dot
 
-PROBE = 0.05  # metres: how deep a vertex may be that is inside unnoticed and found in its turn
+ROUNDS = 9  # of a frame at most that push out what is inside where parts of the body cross
 
 
 class CollisionOptions(NamedTuple):
@@ -80,18 +80,55 @@ def resolve_collisions(
     free = free_vertices(len(V_f), pins)
     surface = pose_surface(collider_vertices, tables.surface)
     V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
-    first = _first_contacts(planes, local, free, finite, state, surface, tables, options)
-    contact = _in_contact(first, free, options)
+    found = _first_contacts(planes, local, free, finite, state, surface, tables, options)
 
-    def solved() -> tuple[CollisionResult, CollisionState]:
-        members, x = _begun(contact, free, state.correction, tables, options)
-        end = iterate(local, x, first, members, surface, tables, options)
-        return _told(planes, free, first, members.moving, end, state, surface, tables, options)
+    def one(s: _Round) -> _Round:
+        at = sided(s.end.at, s.asked, local + s.end.x, surface, tables)
+        first, inside = s.count == 0, _inside(at, s.moving)
+        contact = _in_contact(at, free, options)
+        end = s.end._replace(at=at)
+        before = jax.tree.map(lambda new, old: jnp.where(first, new, old), _depth(at, free), s.before)
 
-    def untouched() -> tuple[CollisionResult, CollisionState]:
-        return _nothing_told(V, planes, finite, free, first, state, surface, options)
+        def done() -> _Round:
+            return _Round(s.count + 1, jnp.array(False), end, s.asked, s.moving, before)
 
-    return jax.lax.cond(contact.any(), solved, untouched)
+        def solved() -> _Round:
+            members, x = _begun(contact, free, state.correction, tables, options)
+            end = iterate(local, x, at, members, surface, tables, options)
+            return _Round(s.count + 1, jnp.array(True), end, members.moving, members.moving, before)
+
+        def once_more() -> _Round:
+            x, limit = pushed(end.x, at, inside, options.eps * 0.5 ** jnp.maximum(s.count - 3, 0))
+            again = end._replace(x=x, at=find_again(local + x, at, limit, surface, tables))
+            return _Round(s.count + 1, jnp.array(True), again, inside, s.moving, before)
+
+        wanted = jnp.where(first, contact.any(), 2 * (inside.any() & (s.count <= ROUNDS)))
+        return jax.lax.switch(wanted, [done, solved, once_more])
+
+    none, nobody = jnp.zeros((), planes.dtype), jnp.zeros(len(V), bool)
+    still = End(jnp.zeros_like(planes), found, jnp.int32(0), none, none)
+    start = _Round(jnp.int32(0), jnp.array(True), still, found.known, nobody, (none, jnp.int32(0)))
+    last = jax.lax.while_loop(lambda s: s.again, one, start)
+    return jax.lax.cond(
+        last.moving.any(),
+        lambda: _told(planes, free, last, surface, options),
+        lambda: _nothing_told(V, planes, finite, free, last.end.at, state, surface, options),
+    )
+
+
+class _Round(NamedTuple):
+    """The carry of a frame's rounds: contacts are put on their side, then a solve, or what is inside pushed.
+
+    The first one solves, where there is a contact; the others are for what that has pushed into another part
+    of the body, and the second of them is the last in most frames.
+    """
+
+    count: jax.Array  # [] int32
+    again: jax.Array  # [] bool
+    end: End
+    asked: jax.Array  # [n] bool, contacts whose side is not known
+    moving: jax.Array  # [n] bool; nobody where there is nothing to solve
+    before: tuple[jax.Array, jax.Array]  # as `_depth`, of the frame as it came
 
 
 def _of_one_kind(V_f, collider_vertices, state: CollisionState) -> tuple[Array, Array, CollisionState]:
@@ -109,22 +146,19 @@ def _in_contact(first: Contacts, free, options) -> Bool[Array, " n"]:
 
 
 @apart
-def _told(
-    planes, free, first: Contacts, moving, end: End, state: CollisionState, surface, tables, options
-) -> tuple[CollisionResult, CollisionState]:
+def _told(planes, free, last: _Round, surface, options) -> tuple[CollisionResult, CollisionState]:
     """Return the result of a frame that was solved, and the state for the next one."""
-    planes, V = _answer(planes, moving, end.x)
-    told = _figures(first, end, free, options)
+    end = last.end
+    planes, V = _answer(planes, last.moving, end.x)
     walls = _walls(end.at, free, surface.origin, options)
     following = CollisionState(
         triangle=end.at.triangle,
         V=planes,
         collider=collider_of(surface),
-        outside=_outside(state, first, end.at, free, tables),
-        correction=_moved_by(moving, end.x),
-        frame=state.frame + 1,
+        outside=_outside(end.at),
+        correction=_moved_by(last.moving, end.x),
     )
-    return CollisionResult(V=V, **told, planes=walls), following
+    return CollisionResult(V=V, **_figures(last.before, end, free, options), planes=walls), following
 
 
 @apart
@@ -152,21 +186,19 @@ def _nothing_told(
         collider=collider_of(surface),
         outside=jnp.ones_like(state.outside),
         correction=jnp.zeros_like(planes),
-        frame=state.frame + 1,
     )
     return result, _if_finite(finite, following, state)
 
 
 @apart
-def _figures(first: Contacts, end: End, free, options) -> dict[str, Array]:
-    """Return all of `CollisionResult` but the garment and the planes."""
-    deepest_before, before = _depth(first, free)
+def _figures(before: tuple[Array, Array], end: End, free, options) -> dict[str, Array]:
+    """Return all of `CollisionResult` but the garment and the planes; `before` as `_depth`."""
     deepest, after = _depth(end.at, free)
     outcome = _outcome(end, free, options)
     return {
-        "deepest_before": deepest_before,
+        "deepest_before": before[0],
         "deepest_after": deepest,
-        "penetrating_before": before,
+        "penetrating_before": before[1],
         "penetrating_after": after,
         "steps": end.steps,
         "objective": end.objective,
@@ -218,16 +250,16 @@ def _first_contacts(planes, local, free, finite, state: CollisionState, surface,
     """Return the contacts of a garment, searched for as far as they may be."""
     grouped = in_groups(local, tables)
     boxes = boxes_of(grouped)
-    limit = _first_limit(planes, boxes, free, finite, state, surface, tables, options)
+    crossed = crossing_limit(boxes, planes - state.V, state, surface, tables)
+    limit = _first_limit(crossed, free & finite, state, options)
     return find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
 
 
 @apart
-def _first_limit(planes, boxes, free, finite, state, surface, tables, options) -> Array:
+def _first_limit(crossed: Float[Array, " n"], asked, state: CollisionState, options) -> Array:
     """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
-    limit = crossing_limit(boxes, planes - state.V, state, surface, tables)
-    limit = jnp.maximum(limit, jnp.where(probed(state.frame, tables), PROBE, options.eps + options.reach))
-    return jnp.where(free & finite, jnp.where(state.outside, limit, jnp.inf), -1.0)
+    limit = jnp.maximum(crossed, options.eps + options.reach)
+    return jnp.where(asked, jnp.where(state.outside, limit, jnp.inf), -1.0)
 
 
 @apart
@@ -268,15 +300,8 @@ def _walls(at: Contacts, free, origin: Float[Array, "3"], options) -> Planes:
 
 
 @apart
-def _outside(state: CollisionState, first: Contacts, at: Contacts, free, tables) -> Bool[Array, " n"]:
-    """Return which vertices are outside: but for the groups with a probe inside that was thought outside."""
-    betrayed = _groups_with(probed(state.frame, tables) & state.outside & _inside(first, free), tables)
-    return (~at.known | (at.ds >= 0)) & ~of_group(betrayed, tables)
-
-
-@apart
-def _groups_with(marks: Bool[Array, " n"], tables) -> Bool[Array, " g"]:
-    return materialised(marks)[jnp.asarray(tables.groups.T)].any(axis=0)
+def _outside(at: Contacts) -> Bool[Array, " n"]:
+    return ~at.known | (at.ds >= 0)
 
 
 @apart

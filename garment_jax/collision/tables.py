@@ -17,7 +17,6 @@ class CollisionTables(NamedTuple):
     groups: np.ndarray  # [g, 8] int32 garment vertices that lie together, the middle one first
     slot: np.ndarray  # [n] int32 the first place of each vertex in `groups`, counted column by column
     group: np.ndarray  # [n] int32 the row of that place
-    turn: np.ndarray  # [n] int32 in which of 64 frames a vertex is searched whatever is known, see `probed`
     order: np.ndarray  # [n] int32 the vertices, group after group
     index: np.ndarray  # [n, k] int32 one-ring, padded with the vertex itself
     weight: np.ndarray  # [n, k] float32 the Laplacian's stencil
@@ -63,11 +62,7 @@ def make_collision_tables(
     back = transposed_weights(table)
     bound = np.array(lipschitz(table, back), np.float32)
     weight = np.asarray(table.weight, np.float32)
-    s = groups.shape[1]
-    group, member = np.divmod(
-        slot, s
-    )  # here: among a frame's operations a division takes as long as ten others
-    turn, slot = s * (group % s) + member, len(groups) * member + group
-    return CollisionTables(
-        surface, groups, slot, group, turn, order, np.asarray(table.index), weight, back, bound
-    )
+    # here: among a frame's operations a division takes as long as ten others
+    group, member = np.divmod(slot, groups.shape[1])
+    slot = len(groups) * member + group
+    return CollisionTables(surface, groups, slot, group, order, np.asarray(table.index), weight, back, bound)

@@ -26,6 +26,9 @@ class SurfaceTables(NamedTuple):
     spread: np.ndarray  # [3, l] int32 three vertices of each leaf that lie apart: its plane, roughly
     branch_spread: np.ndarray  # [3, b] int32 the same of each branch
     order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
+    once: np.ndarray  # [r] bool, one row of each triangle: where triangles are counted
+    closed: bool  # no edge is a border: there is an inside
+    corner_of: np.ndarray  # [c] int32 a row that has the vertex as a corner
     across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
     fan: np.ndarray  # [c, FAN, 2] int32 next and last vertex of each triangle around a vertex, or itself
     wide: np.ndarray  # [o] int32 vertices with more triangles than FAN
@@ -48,12 +51,17 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     order = _leaf_order(vertices[faces].mean(axis=1))
     row = np.empty(len(faces), np.int32)
     row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
+    once = row[order] == np.arange(len(order))
     across = row[_across(faces)][order]
+    closed = not (across == np.arange(len(order))[:, None]).any()
     rows = faces[order]
+    corner_of = np.zeros(len(vertices), np.int32)
+    corner_of[rows] = np.arange(len(rows), dtype=np.int32)[:, None]
     corners, branches = (_once_each(rows.reshape(-1, k)) for k in (3 * LEAF, 3 * LEAF * BRANCH))
     spread, branch_spread = (_spread(vertices[x], x) for x in (corners, branches))
+    fans = _fans(faces, len(vertices))
     return SurfaceTables(
-        rows, corners, branches, spread, branch_spread, order, across, *_fans(faces, len(vertices))
+        rows, corners, branches, spread, branch_spread, order, once, closed, corner_of, across, *fans
     )
 
 

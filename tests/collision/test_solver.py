@@ -26,6 +26,7 @@ from garment_jax.evaluation.penetration import (
 from garment_jax.geometry.closest_point import closest_point_exact
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.surface_tables import make_surface_tables
+from garment_jax.geometry.winding_number import winding_number
 from garment_jax.structs import Motion
 from tests.collision.cloth import sheet, tables
 from tests.geometry.surfaces import box, brute_signed
@@ -214,6 +215,30 @@ def _slabs(gap: float) -> tuple[np.ndarray, np.ndarray]:
     lift = np.array([[0.0, 0.05 + gap / 2, 0.0]])
     both = np.concatenate([vertices + lift, vertices - lift]).astype(np.float32)
     return both, np.concatenate([faces, faces + len(vertices)])
+
+
+@pytest.mark.parametrize("height", [0.0, 0.06])
+def test_nothing_stays_inside_a_body_whose_ends_run_into_each_other(height):
+    made, body, faces = tables()
+    V, _ = sheet(height, width=0.9)
+    crossing = _ring(body)
+    before = np.rint(winding_number(V, crossing, faces))
+    assert (before == 2).any()
+    state = initial_state(jnp.asarray(V), jnp.asarray(crossing), made.surface)
+    settings = {"eps": 1e-3, "iterations": 60, "rings": 6}
+    result, after = resolve(jnp.asarray(V), jnp.asarray(crossing), state, jnp.asarray(V[PINS]), settings, ())
+    assert result.penetrating_before == (before >= 1).sum()
+    assert result.penetrating_after == 0
+    assert winding_number(np.asarray(result.V), crossing, faces).max() < 0.5
+    assert after.outside.all()
+
+
+def _ring(body: np.ndarray) -> np.ndarray:
+    """Bend the surface around the upright axis until its two ends are in each other."""
+    x, y, z = body.T
+    turn = 1.2 * 2 * np.pi * (x - x.min()) / np.ptp(x)
+    radius = 0.3 + 0.35 * y
+    return np.stack([radius * np.cos(turn), 0.45 * z, radius * np.sin(turn)], axis=-1).astype(np.float32)
 
 
 def test_a_nan_is_reported_and_not_spread(pierced):

@@ -6,18 +6,14 @@ import trimesh
 
 from garment_jax.evaluation.penetration import closed_surface, neighbour_faces, signed_distance
 from garment_jax.evaluation.rays import ray_boxes, winding_by_ray
-from garment_jax.geometry.winding_number import winding_number
 from tests.evaluation.test_penetration import _two_boxes
-from tests.geometry.crossing_bodies import POSES, crossing_body, points_around
-
-MANY = 34_000  # a pose: 10^5 in all
+from tests.geometry.crossing_bodies import POSES, crossing_body, numbered_points, points_around
 
 
 @pytest.mark.parametrize("pose", POSES)
 def test_ten_to_the_fifth_signs_around_crossing_bodies_are_those_of_the_solid_angles(pose):
     vertices, faces = crossing_body(pose)
-    points = points_around(vertices, faces, MANY, seed=len(pose))
-    exact = winding_number(points, vertices, faces)
+    points, exact = numbered_points(pose)
     assert (np.rint(exact) == 2).sum() > 100  # or the pose says nothing
     np.testing.assert_array_equal(winding_by_ray(points, ray_boxes(vertices[faces])), np.rint(exact))
     some = np.concatenate([np.flatnonzero(np.rint(exact) == 2)[:40], np.arange(2000)])
