@@ -40,6 +40,30 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.fixture(autouse=True, scope="session")
+def solver_built_once() -> Iterator[None]:
+    """Collision handling's programs, by the name under which a user's cache would keep them.
+
+    XLA's cache spares the tests compiling them again, but not tracing them: ten seconds, in dozens of tests.
+    """
+    from garment_jax import programs
+
+    known: dict[tuple[str, str], tuple] = {}
+    build = programs.ProgramStore._built
+
+    def built(store, name: str, jitted, arguments: tuple, facts):
+        if store._folder is not None or name not in ("first_carry", "resolve"):
+            return build(store, name, jitted, arguments, facts)
+        key = name, programs._key(arguments, facts)
+        if key not in known:
+            known[key] = build(store, name, jitted, arguments, facts)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(programs.ProgramStore, "_built", built)
+        yield
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder with `avatar/`, `motion/` and `skirt/` (see CONTRIBUTING.md), or a skip."""

@@ -104,7 +104,7 @@ def test_cloth_that_lies_on_a_thin_part_of_a_limb_is_not_pushed_off_it():
     state = first_sides(jnp.asarray(REST), jnp.asarray(bones + [[[0]], [[-0.2]]]))
     for h in (-0.1, 0.0, 0.02):
         bones[1] = bar(h, tilt=0.02)[0] + [0, 0, 0.2]
-        V, state, _ = step()(jnp.asarray(REST), jnp.array(bones), state)  # a copy: bones are written to
+        V, state, _ = step()(jnp.asarray(REST), jnp.asarray(bones.copy()), state)  # bones are written to
     assert np.abs(np.asarray(V) - REST)[np.abs(REST[:, 2] - 0.3) < 0.02].max() > 0.5 * RADIUS
     assert np.abs(np.asarray(V)[beside, 1] - REST[beside, 1]).max() < 0.1 * RADIUS
 
