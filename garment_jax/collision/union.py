@@ -47,7 +47,7 @@ def sided(
     border, which has no inside. A triangle that bounds it with a part of itself counts as one that does not:
     a depth may be too large by as much as such a triangle is long, never too small.
     """
-    if not tables.surface.closed:
+    if len(tables.surface.border):
         return at
     number, misled = _misled(at, asked, local, surface, tables)
     return jax.lax.cond(

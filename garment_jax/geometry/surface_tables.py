@@ -27,7 +27,7 @@ class SurfaceTables(NamedTuple):
     branch_spread: np.ndarray  # [3, b] int32 the same of each branch
     order: np.ndarray  # [r] int32 the triangle's number in the mesh as it was given
     once: np.ndarray  # [r] bool, one row of each triangle: where triangles are counted
-    closed: bool  # no edge is a border: there is an inside
+    border: np.ndarray  # [e] int32 rows with an edge that has no other triangle; with any there is no inside
     corner_of: np.ndarray  # [c] int32 a row that has the vertex as a corner
     across: np.ndarray  # [r, 3] int32 row across edges (0,1), (1,2), (2,0); itself at a border
     fan: np.ndarray  # [c, FAN, 2] int32 next and last vertex of each triangle around a vertex, or itself
@@ -53,7 +53,7 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     row[order[::-1]] = np.arange(len(order), dtype=np.int32)[::-1]  # the first of equal rows
     once = row[order] == np.arange(len(order))
     across = row[_across(faces)][order]
-    closed = not (across == np.arange(len(order))[:, None]).any()
+    border = np.flatnonzero((across == np.arange(len(order))[:, None]).any(axis=1)).astype(np.int32)
     rows = faces[order]
     corner_of = np.zeros(len(vertices), np.int32)
     corner_of[rows] = np.arange(len(rows), dtype=np.int32)[:, None]
@@ -61,7 +61,7 @@ def make_surface_tables(vertices: np.ndarray, faces: np.ndarray) -> SurfaceTable
     spread, branch_spread = (_spread(vertices[x], x) for x in (corners, branches))
     fans = _fans(faces, len(vertices))
     return SurfaceTables(
-        rows, corners, branches, spread, branch_spread, order, once, closed, corner_of, across, *fans
+        rows, corners, branches, spread, branch_spread, order, once, border, corner_of, across, *fans
     )
 
 

@@ -37,6 +37,14 @@ def test_across_names_the_triangle_that_shares_the_edge():
 def test_a_border_edge_has_nobody_across():
     tables = make_surface_tables(np.eye(3), np.array([[0, 1, 2]]))
     assert (tables.order[tables.across] == 0).all()
+    assert 0 in tables.border
+
+
+def test_a_closed_surface_has_no_border_and_its_triangles_are_counted_once():
+    tables = make_surface_tables(*bumpy())
+    assert len(tables.border) == 0
+    assert sorted(tables.order[tables.once]) == list(range(tables.order.max() + 1))
+    assert all(v in tables.faces[row] for v, row in enumerate(tables.corner_of))
 
 
 def test_incidence_lists_every_corner_once_also_at_a_fan():
