@@ -18,7 +18,7 @@ def initial_state(
     posed = pose_surface(collider_vertices, surface)
     triangle = nearest_leaf(V - posed.origin[None], posed, surface)
     nobody = jnp.zeros(len(V), bool)
-    return CollisionState(triangle, V.T, collider_vertices.T, nobody, jnp.zeros_like(V.T))
+    return CollisionState(triangle, V.T, collider_vertices.T, nobody, jnp.zeros_like(V.T), jnp.array(True))
 
 
 def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, " n"]:

@@ -42,6 +42,7 @@ class CollisionState(NamedTuple):
     collider: jax.Array  # [3, c] metres, the last frame's body
     outside: jax.Array  # [n] bool: outside; what is must cross the surface to get in
     correction: jax.Array  # [3, n] metres, answer minus input: the next solve begins from it
+    crossing: jax.Array  # [] bool: some vertex was near a sheet within another part, or nothing is known
 
 
 class Planes(NamedTuple):
@@ -57,7 +58,8 @@ class CollisionResult(NamedTuple):
     V: jax.Array  # [n, 3] metres, in the frame of the input
     deepest_before: jax.Array  # [] metres inside the body, 0 if none
     deepest_after: jax.Array  # [] metres
-    penetrating_before: jax.Array  # [] int32 vertices with a negative signed distance
+    penetrating_before: jax.Array  # [] int32 vertices inside; by their nearest sheets alone, as is
+    # `deepest_before`, where the solve has moved out what these were wrong about
     penetrating_after: jax.Array  # [] int32
     steps: jax.Array  # [] int32 gradient steps taken
     objective: jax.Array  # [] metres, ||Lap(V_f) - Lap(V)||, the norm over the whole mesh

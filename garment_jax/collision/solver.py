@@ -6,6 +6,7 @@ sum max(eps - ds, 0) is a constraint, met by projection, so that nothing trades 
 Only the neighbourhood of a contact moves; the rest of the garment comes back bitwise unchanged.
 """
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import jax
@@ -82,53 +83,90 @@ def resolve_collisions(
     V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
     found = _first_contacts(planes, local, free, finite, state, surface, tables, options)
 
-    def one(s: _Round) -> _Round:
-        at = sided(s.end.at, s.asked, local + s.end.x, surface, tables)
-        first, inside = s.count == 0, _inside(at, s.moving)
-        contact = _in_contact(at, free, options)
-        end = s.end._replace(at=at)
-        before = jax.tree.map(lambda new, old: jnp.where(first, new, old), _depth(at, free), s.before)
-
-        def done() -> _Round:
-            return _Round(s.count + 1, jnp.array(False), end, s.asked, s.moving, before)
-
-        def solved() -> _Round:
-            members, x = _begun(contact, free, state.correction, tables, options)
-            end = iterate(local, x, at, members, surface, tables, options)
-            return _Round(s.count + 1, jnp.array(True), end, members.moving, members.moving, before)
-
-        def once_more() -> _Round:
-            x, limit = pushed(end.x, at, inside, options.eps * 0.5 ** jnp.maximum(s.count - 3, 0))
-            again = end._replace(x=x, at=find_again(local + x, at, limit, surface, tables))
-            return _Round(s.count + 1, jnp.array(True), again, inside, s.moving, before)
-
-        wanted = jnp.where(first, contact.any(), 2 * (inside.any() & (s.count <= ROUNDS)))
-        return jax.lax.switch(wanted, [done, solved, once_more])
-
     none, nobody = jnp.zeros((), planes.dtype), jnp.zeros(len(V), bool)
     still = End(jnp.zeros_like(planes), found, jnp.int32(0), none, none)
-    start = _Round(jnp.int32(0), jnp.array(True), still, found.known, nobody, (none, jnp.int32(0)))
-    last = jax.lax.while_loop(lambda s: s.again, one, start)
+
+    def one(s: _Round) -> _Round:
+        def check() -> _Acted:
+            return _Acted(still, nobody, found.known, s.before)
+
+        def solve() -> _Acted:
+            at = s.end.at
+            members, x = _begun(_in_contact(at, free, options), free, state.correction, tables, options)
+            end = iterate(local, x, at, members, surface, tables, options)
+            asked = jnp.where(s.checked, members.moving, end.at.known)
+            return _Acted(end, members.moving, asked, _depth(at, free))
+
+        def push() -> _Acted:
+            inside, margin = _inside(s.end.at, s.moving), options.eps * 0.5 ** jnp.maximum(s.pushes - 2, 0)
+            x, limit = pushed(s.end.x, s.end.at, inside, margin)
+            at = find_again(local + x, s.end.at, limit, surface, tables)
+            return _Acted(s.end._replace(x=x, at=at), s.moving, inside, s.before)
+
+        acted = jax.lax.switch(s.act, [check, solve, push])
+        at, crossing = sided(acted.end.at, acted.asked, local + acted.end.x, surface, tables)
+        once_more = _inside(at, acted.moving).any() & (s.pushes < ROUNDS)
+        then = jnp.stack(
+            [
+                jnp.where(_in_contact(at, free, options).any(), Act.SOLVE, Act.END),
+                jnp.where(crossing & ~s.checked, Act.CHECK, jnp.where(once_more, Act.PUSH, Act.END)),
+                jnp.where(once_more, Act.PUSH, Act.END),
+            ]
+        )
+        return _Round(
+            act=then[s.act],
+            end=acted.end._replace(at=at),
+            moving=acted.moving,
+            before=acted.before,
+            checked=s.checked | (s.act == Act.CHECK),
+            crossing=s.crossing | crossing,
+            pushes=s.pushes + (s.act == Act.PUSH),
+        )
+
+    act = jnp.where(state.crossing | ~_in_contact(found, free, options).any(), Act.CHECK, Act.SOLVE)
+    no, unknown = jnp.array(False), (none, jnp.int32(0))
+    start = _Round(act.astype(jnp.int32), still, nobody, unknown, no, no, jnp.int32(0))
+    last = jax.lax.while_loop(lambda s: s.act != Act.END, one, start)
     return jax.lax.cond(
         last.moving.any(),
         lambda: _told(planes, free, last, surface, options),
-        lambda: _nothing_told(V, planes, finite, free, last.end.at, state, surface, options),
+        lambda: _nothing_told(V, planes, finite, free, last, state, surface, options),
     )
 
 
-class _Round(NamedTuple):
-    """The carry of a frame's rounds: contacts are put on their side, then a solve, or what is inside pushed.
+class Act(IntEnum):
+    """What a round of a frame does before contacts are put on their side of the body."""
 
-    The first one solves, where there is a contact; the others are for what that has pushed into another part
-    of the body, and the second of them is the last in most frames.
+    CHECK = 0  # nothing: the first contacts are
+    SOLVE = 1
+    PUSH = 2  # out of another part of the body, what has been pushed into it
+    END = 3
+
+
+class _Acted(NamedTuple):
+    """A round before contacts are put on their side."""
+
+    end: End
+    moving: jax.Array  # as in `_Round`
+    asked: jax.Array  # [n] bool, contacts whose side is not known
+    before: tuple[jax.Array, jax.Array]
+
+
+class _Round(NamedTuple):
+    """The carry of a frame's rounds.
+
+    Most frames have one: a solve that takes the nearest sheets' word for the sides, and a check at its end.
+    Where that finds a vertex on the other side, as in the frame before, the first contacts are checked and
+    the solve is done again.
     """
 
-    count: jax.Array  # [] int32
-    again: jax.Array  # [] bool
+    act: jax.Array  # [] int32, the next `Act`
     end: End
-    asked: jax.Array  # [n] bool, contacts whose side is not known
     moving: jax.Array  # [n] bool; nobody where there is nothing to solve
     before: tuple[jax.Array, jax.Array]  # as `_depth`, of the frame as it came
+    checked: jax.Array  # [] bool, the first contacts are on their side
+    crossing: jax.Array  # [] bool, as in `CollisionState`
+    pushes: jax.Array  # [] int32
 
 
 def _of_one_kind(V_f, collider_vertices, state: CollisionState) -> tuple[Array, Array, CollisionState]:
@@ -157,16 +195,17 @@ def _told(planes, free, last: _Round, surface, options) -> tuple[CollisionResult
         collider=collider_of(surface),
         outside=_outside(end.at),
         correction=_moved_by(last.moving, end.x),
+        crossing=last.crossing,
     )
     return CollisionResult(V=V, **_figures(last.before, end, free, options), planes=walls), following
 
 
 @apart
 def _nothing_told(
-    V, planes, finite, free, first: Contacts, state: CollisionState, surface, options
+    V, planes, finite, free, last: _Round, state: CollisionState, surface, options
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the same where there is no contact, so nothing inside; the old state if not all is finite."""
-    none, count = jnp.zeros((), planes.dtype), jnp.int32(0)
+    none, count, first = jnp.zeros((), planes.dtype), jnp.int32(0), last.end.at
     outcome = jnp.where(finite, jnp.int32(Outcome.NOTHING_TO_DO), jnp.int32(Outcome.NOT_FINITE))
     result = CollisionResult(
         V=V,
@@ -186,6 +225,7 @@ def _nothing_told(
         collider=collider_of(surface),
         outside=jnp.ones_like(state.outside),
         correction=jnp.zeros_like(planes),
+        crossing=last.crossing,
     )
     return result, _if_finite(finite, following, state)
 

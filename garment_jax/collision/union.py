@@ -40,41 +40,52 @@ def sided(
     local: Float[Array, "3 m"],
     surface: PosedSurface,
     tables: CollisionTables,
-) -> Contacts:
+) -> tuple[Contacts, Bool[Array, ""]]:
     """Return contacts `at` of `local`, those `asked` for on their side of the union of the body's parts.
 
     The others, and all whose nearest sheet bounds the union, stay bitwise; so do all of a surface with a
     border, which has no inside. A triangle that bounds it with a part of itself counts as one that does not:
-    a depth may be too large by as much as such a triangle is long, never too small.
+    a depth may be too large by as much as such a triangle is long, never too small. Also whether there was
+    any whose nearest sheet does not bound it.
     """
     if len(tables.surface.border):
-        return at
-    number, misled = _misled(at, asked, local, surface, tables)
-    return jax.lax.cond(
-        misled.any(), lambda: _bounding(at, number >= 1, misled, local, surface, tables), lambda: at
+        return at, jnp.array(False)
+    asked = asked & at.known
+    number = jax.lax.cond(
+        asked.sum() > MANY,
+        lambda: _numbers_by_speakers(at, asked, local, surface, tables),
+        lambda: _numbers(asked, at, local, surface, tables),
     )
+    misled = _misled(number, at, asked)
+    return _bounding(at, number, misled, local, surface, tables), misled.any()
 
 
 @apart
-def _misled(at: Contacts, asked, local: Float[Array, "3 m"], surface, tables) -> tuple[Array, Array]:
-    """Return the winding numbers around vertices, and which are `asked` for and whose sheet bounds nothing.
+def _misled(number: Int[Array, " m"], at: Contacts, asked) -> Bool[Array, " m"]:
+    """Return whose nearest sheet bounds nothing, by the winding numbers around them.
 
-    A vertex on its sheet has no number; there it is that of the sheet's outer side. Where many are asked, one
-    speaks for those of its group that are nearer to it than the surface.
+    A vertex on its sheet has no number; there it is that of the sheet's outer side.
     """
-    asked = asked & at.known
-    speaker, spoken = jax.lax.cond(
-        asked.sum() > MANY, lambda: _speakers(at, asked, local, tables), lambda: _themselves(asked)
-    )
-    speaks = _speaking(speaker, spoken & at.known[speaker])
+    return asked & (number != (at.ds < -BESIDE))
+
+
+def _numbers(wanted: Bool[Array, " m"], at: Contacts, local, surface, tables) -> Int[Array, " m"]:
+    """Return the winding numbers around the vertices that are wanted, 0 of the others."""
 
     def chunk(here: Array, to: Array, number: Array) -> Array:
         start, ahead = _begins(at, here, local)
-        found = winding_by_ray(start, ahead, to < len(asked), surface, tables.surface)
+        found = winding_by_ray(start, ahead, to < len(wanted), surface, tables.surface)
         return number.at[to].set(found, mode="drop")
 
-    number = in_chunks(speaks | (asked & ~spoken), chunk, jnp.zeros(len(asked), jnp.int32), RAYS)
-    return _compared(jnp.where(spoken, number[speaker], number), at, asked)
+    return in_chunks(wanted, chunk, jnp.zeros(len(wanted), jnp.int32), RAYS)
+
+
+def _numbers_by_speakers(at: Contacts, asked, local, surface, tables) -> Int[Array, " m"]:
+    """Return the same, one vertex speaking for those of its group that are nearer to it than the surface."""
+    speaker, spoken = _speakers(at, asked, local, tables)
+    speaks = _speaking(speaker, spoken & at.known[speaker])
+    number = _numbers(speaks | (asked & ~spoken), at, local, surface, tables)
+    return jnp.where(spoken, number[speaker], number)
 
 
 @apart
@@ -93,19 +104,9 @@ def _speakers(at: Contacts, asked, local: Float[Array, "3 m"], tables) -> tuple[
 
 
 @apart
-def _themselves(asked: Bool[Array, " m"]) -> tuple[Array, Array]:
-    return jnp.arange(len(asked), dtype=jnp.int32), jnp.zeros_like(asked)
-
-
-@apart
 def _speaking(speaker: Int[Array, " m"], spoken: Bool[Array, " m"]) -> Bool[Array, " m"]:
     to = jnp.where(spoken, speaker, len(speaker))
     return jnp.zeros_like(spoken).at[to].set(True, mode="drop")
-
-
-@apart
-def _compared(number: Int[Array, " m"], at: Contacts, asked) -> tuple[Array, Array]:
-    return number, asked & (number != (at.ds < -BESIDE))
 
 
 @apart
@@ -125,16 +126,22 @@ class _Wider(NamedTuple):
     seen: jax.Array  # [c] bool, vertices of the surface whose outer side has been looked at
     free: jax.Array  # [c] bool, those of them with the winding number 0 there
     refused: jax.Array  # [r] bool, triangles with free corners that bounded nothing where it mattered
+    begun: jax.Array  # [] bool: `at` holds the misled with the right side of their nearest sheets
 
 
-def _bounding(at: Contacts, inside: Bool[Array, " m"], misled: Bool[Array, " m"], local, surface, tables):
-    """Return the contacts, those `misled` with the nearest triangles that bound the union."""
-    low, high = _box_of(local, misled)
+def _bounding(at: Contacts, number: Int[Array, " m"], misled: Bool[Array, " m"], local, surface, tables):
+    """Return the contacts, those `misled` with the nearest triangles that bound the union.
+
+    A loop that goes round not once where nobody is: a condition would copy what it returns.
+    """
 
     def more(s: _Wider) -> Array:
         return s.left.any() & (s.reach < WIDEST)
 
     def wider(s: _Wider) -> _Wider:
+        inside = number >= 1
+        begun = _by_their_nearest(s.at, inside, misled & ~s.begun, local)
+        low, high = _box_of(local, misled)
         wanted = _corners_near(low - s.reach, high + s.reach, surface, tables) & ~s.seen
         free = _free_corners(s.free, wanted, surface, tables)
         bounding = _without(s.refused, free, surface, tables)
@@ -151,19 +158,13 @@ def _bounding(at: Contacts, inside: Bool[Array, " m"], misled: Bool[Array, " m"]
             around = winding_by_ray(beyond, sheet.normal[2] >= 0, found >= 0, surface, tables.surface)
             return _noted(made, to, found, around, _on_its_side(points, inside[here], sheet))
 
-        at, left, refused = in_chunks(s.left, chunk, (s.at, s.left, s.refused), RAYS)
+        at, left, refused = in_chunks(s.left, chunk, (begun, s.left, s.refused), RAYS)
         again = (refused != s.refused).any()  # what they hid may be as near
-        return _Wider(at, left, jnp.where(again, s.reach, 2 * s.reach), s.seen | wanted, free, refused)
+        reach = jnp.where(again, s.reach, 2 * s.reach)
+        return _Wider(at, left, reach, s.seen | wanted, free, refused, jnp.array(True))
 
     nobody, none = jnp.zeros(len(tables.surface.corner_of), bool), jnp.zeros(len(tables.surface.faces), bool)
-    start = _Wider(
-        _by_their_nearest(at, inside, misled, local),
-        misled,
-        jnp.asarray(REACH, local.dtype),
-        nobody,
-        nobody,
-        none,
-    )
+    start = _Wider(at, misled, jnp.asarray(REACH, local.dtype), nobody, nobody, none, jnp.array(False))
     return jax.lax.while_loop(more, wider, start).at
 
 

@@ -52,7 +52,7 @@ def commands() -> dict[str, Command]:
             ("benchmark", "bench.toml", "--data", "clips", "--out", "bench", "--report-only"), ("bench",)
         ),
         "stability": Command(
-            ("stability", model, "--clips", "clips", "--only", "skinning", "--out", "stable"), ("stable",)
+            ("stability", model, "--clips", "clips/test", "--only", "skinning", "--out", "stable"), ("stable",)
         ),
         "export onnx": Command(
             ("export", model, "--format", "onnx", "--clip", clip, "--out", "out/step.onnx"), ("out",)
@@ -144,7 +144,8 @@ def _leaves(step: Path) -> bytes:
 
 
 def listing(folder: Path) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+    """Return all paths below; of a checkpoint's state, whose files have random names, the folder alone."""
+    return {str(path.relative_to(folder)).partition("/state/")[0] for path in folder.rglob("*")}
 
 
 @contextlib.contextmanager
