@@ -52,7 +52,8 @@ def commands() -> dict[str, Command]:
             ("benchmark", "bench.toml", "--data", "clips", "--out", "bench", "--report-only"), ("bench",)
         ),
         "stability": Command(
-            ("stability", model, "--clips", "clips/test", "--only", "skinning", "--out", "stable"), ("stable",)
+            ("stability", model, "--clips", "clips/test", "--only", "skinning", "--out", "stable"),
+            ("stable",),
         ),
         "export onnx": Command(
             ("export", model, "--format", "onnx", "--clip", clip, "--out", "out/step.onnx"), ("out",)
