@@ -1,6 +1,6 @@
 """What `configs/benchmark.toml` says: the rows of the benchmark, their budget and their order.
 
-Read and checked as `config.py` checks an experiment: an unknown key, a wrong type or a value out of
+Read and checked as `config` checks an experiment: an unknown key, a wrong type or a value out of
 range is refused with its name, its value and what would do.
 """
 

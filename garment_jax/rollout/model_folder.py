@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from garment_jax.config import network_keys
 from garment_jax.formats.npz import npz_shapes
 from garment_jax.storage.lock import locked
 from garment_jax.storage.scratch import scratch
@@ -15,18 +16,9 @@ from garment_jax.storage.whole import sync, write_text
 
 FACTS = "model.json"  # goes first and comes last: without it a folder holds no model
 MEASURED = ("figures.json", "variants.json")  # of the parameters that lie beside them
-# sections of the configuration: what shapes parameters, or decides what the statistics are of
-SHAPING = {
-    "body": ("motion_joints",),
-    "uv": ("size",),
-    "generative": (
-        *("channels", "latent_dim", "part_dim", "rec_hidden", "rec_rank", "decomposition", "instance_norm"),
-        *("map_statistics", "skin_reach", "linear_skip"),
-    ),
-    "motion": ("gru", "dense", "channels", "state_dim", "state_hidden", "previous_state"),
-    "detail": ("features", "code_features", "hidden", "vertex_code"),
-    "swing": ("rows", "hidden", "width", "around", "layers", "previous_state"),
-}
+SHAPING = (
+    network_keys()
+)  # of each section: saved models and those that training begins from are compared by it
 LARGEST_SIZE = 8192  # of a layer, a map's side, a count; the largest of any model is 2048
 _REPLACED = f"{FACTS}.replaced"  # the old facts while the other files change
 

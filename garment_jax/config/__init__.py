@@ -1,0 +1,41 @@
+"""The configuration: sections and keys, TOML and overrides, and which configurations are one."""
+
+from garment_jax.config.identity import content_hash, differences, network_keys
+from garment_jax.config.reading import apply_overrides, from_dict, load_config, to_dict, to_toml
+from garment_jax.config.sections import (
+    BaselinesConfig,
+    BodyConfig,
+    CollisionConfig,
+    Config,
+    DataConfig,
+    DetailConfig,
+    GenerativeConfig,
+    MotionConfig,
+    RolloutConfig,
+    SwingConfig,
+    TrainingConfig,
+    UvConfig,
+)
+
+__all__ = [
+    "BaselinesConfig",
+    "BodyConfig",
+    "CollisionConfig",
+    "Config",
+    "DataConfig",
+    "DetailConfig",
+    "GenerativeConfig",
+    "MotionConfig",
+    "RolloutConfig",
+    "SwingConfig",
+    "TrainingConfig",
+    "UvConfig",
+    "apply_overrides",
+    "content_hash",
+    "differences",
+    "from_dict",
+    "load_config",
+    "network_keys",
+    "to_dict",
+    "to_toml",
+]
