@@ -1,8 +1,9 @@
 """Collision handling (section 3.5): the garment is pushed out of the body and keeps its shape."""
 
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.projection import initial_state, penetration
 from garment_jax.collision.result import MESSAGES, CollisionResult, CollisionState, Outcome
-from garment_jax.collision.solver import CollisionOptions, resolve_collisions
+from garment_jax.collision.solver import resolve_collisions
 from garment_jax.collision.tables import CollisionTables, make_collider_tables, make_collision_tables
 
 __all__ = [

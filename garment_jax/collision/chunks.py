@@ -11,9 +11,9 @@ from jaxtyping import Int
 
 from garment_jax.body.carried import CarriedPoses
 from garment_jax.body.limbs import Limbs
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.sequence import Carry, FrameFigures, first_carry, make_resolver
 from garment_jax.collision.sides import make_side_tables
-from garment_jax.collision.solver import CollisionOptions
 from garment_jax.collision.tables import make_collider_tables, make_collision_tables
 from garment_jax.data.lanes import repeated_last
 from garment_jax.geometry.laplacian import LaplacianTable

@@ -12,10 +12,10 @@ from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.collision.chunks import make_chunk_resolver
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.result import MESSAGES, Outcome
 from garment_jax.collision.sequence import FrameFigures, join_figures, per_frame_columns
 from garment_jax.collision.solid import Solid, solid_for
-from garment_jax.collision.solver import CollisionOptions
 from garment_jax.config import CollisionConfig
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.replaceable import COLLIDED, check_prediction_out

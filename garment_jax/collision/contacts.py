@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from garment_jax.collision.result import CollisionState
 from garment_jax.collision.tables import CollisionTables
@@ -30,6 +30,7 @@ from garment_jax.geometry.surface_search import (
 from garment_jax.geometry.triangle import dot, squared_length
 
 Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
+Movement = tuple[Float[Array, "3 g"], Float[Array, " g"]]  # mean step and how far a step differs from it
 ANSWERS = 128  # vertices whose correspondence is made at a time
 TOGETHER = 8  # of them that search as a group where few search again
 BRANCHES = 64  # of the surface that are compared with all groups at a time
@@ -80,17 +81,25 @@ def crossing_limit(
 
 
 @apart
-def _body_steps(state: CollisionState, surface) -> Float[Array, " c3"]:
+def _body_steps(state: CollisionState, surface: PosedSurface) -> Float[Array, " c3"]:
     """Return how the body's vertices have moved since the last frame, as `PosedSurface.flat`."""
     return _flat(collider_of(surface) - state.collider)
 
 
 @apart
-def _past_all(words, up_to, groups: Boxes, ours, body, surface, tables: CollisionTables) -> Array:
+def _past_all(
+    words: UInt32[Array, "r w"],
+    up_to: Int[Array, " r"],
+    groups: Boxes,
+    ours: Movement,
+    body: Float[Array, " c3"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Array:
     """Return `crossing_limit` of every group past the marked branches."""
     rows = jnp.asarray(tables.surface.branches)
 
-    def some(state):
+    def some(state: tuple[Array, Array]):
         at, limit = state
         which, _ = _some(at, BRANCHES, words, up_to, len(rows))
         return at + BRANCHES, _past(which, limit, groups, ours, body, surface, rows)
@@ -100,7 +109,15 @@ def _past_all(words, up_to, groups: Boxes, ours, body, surface, tables: Collisio
 
 
 @apart
-def _past(which: Int[Array, " k"], limit: Float[Array, " g"], groups, ours, body, surface, rows) -> Array:
+def _past(
+    which: Int[Array, " k"],
+    limit: Float[Array, " g"],
+    groups: Boxes,
+    ours: Movement,
+    body: Float[Array, " c3"],
+    surface: PosedSurface,
+    rows: Int[Array, "b w"],
+) -> Array:
     """Return the greater of `limit` and `crossing_limit` past some branches."""
     low, high, slab, points = _branches(which, rows, surface)
     return _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab, limit)
@@ -112,13 +129,18 @@ def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
 
 
 @apart
-def _met(boxes: Boxes, ours, body: Float[Array, " c3"], surface) -> Bool[Array, " b"]:
+def _met(boxes: Boxes, ours: Movement, body: Float[Array, " c3"], surface: PosedSurface) -> Bool[Array, " b"]:
     """Return the branches that some group may have met: within a patch's box, drawn along all movement."""
     return _met_by(_patches(boxes), ours, _extremes(body), surface)
 
 
 @apart
-def _met_by(patches: Boxes, ours, its, surface) -> Bool[Array, " b"]:
+def _met_by(
+    patches: tuple[Float[Array, "3 p"], Float[Array, "3 p"]],
+    ours: Movement,
+    its: tuple[Float[Array, "3 q"], Float[Array, "3 q"]],
+    surface: PosedSurface,
+) -> Bool[Array, " b"]:
     """Return the branches within some patch's box, drawn along the extremes of either's movement."""
     step, reach = ours
     back = jnp.maximum((step + reach[None]).max(axis=1) - its[0].min(axis=1), 0.0) + SLACK
@@ -144,7 +166,7 @@ def _patches(boxes: Boxes) -> tuple[Array, Array]:
 
 
 @apart
-def _branches(which: Int[Array, " k"], rows: Int[Array, "b w"], surface) -> tuple[Array, ...]:
+def _branches(which: Int[Array, " k"], rows: Int[Array, "b w"], surface: PosedSurface) -> tuple[Array, ...]:
     """Return the boxes `[3, k]`, the slabs `[5, k]` and the vertices `[w, k]` of some branches."""
     return surface.low[:, which], surface.high[:, which], surface.branch_slab[:, which], rows[which].T
 
@@ -160,7 +182,14 @@ def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Box
 
 
 @apart
-def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"], limit) -> Float[Array, " g"]:
+def _group_limit(
+    group: Boxes,
+    branch: tuple[Float[Array, "3 b"], Float[Array, "3 b"]],
+    ours: Movement,
+    its: tuple[Float[Array, "3 b"], Float[Array, " b"]],
+    slab: Float[Array, "5 b"],
+    limit: Float[Array, " g"],
+) -> Float[Array, " g"]:
     """Return `crossing_limit` of every group past some branches, of boxes and movements (`_movement`).
 
     At least `limit`.
@@ -169,7 +198,9 @@ def _group_limit(group: Boxes, branch, ours, its, slab: Float[Array, "5 b"], lim
     way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
     spare = reach[None] + branch_reach[:, None]
 
-    def meet(apart, sizes, along) -> Array:  # [-size, size] with one end drawn along, and spare at both
+    def meet(
+        apart: Float[Array, "b g"], sizes: Float[Array, "b g"], along: Float[Array, "b g"]
+    ) -> Array:  # [-size, size] with one end drawn along, and spare at both
         return jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
 
     n = slab[:3, :, None]
@@ -233,7 +264,9 @@ def find_contacts(
 
 
 @apart
-def _all_answered(contacts: Contacts, local: Float[Array, "3 n"], surface, tables) -> Contacts:
+def _all_answered(
+    contacts: Contacts, local: Float[Array, "3 n"], surface: PosedSurface, tables: CollisionTables
+) -> Contacts:
     """Return the contacts with the points and directions of all that are known."""
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
@@ -244,20 +277,26 @@ def _all_answered(contacts: Contacts, local: Float[Array, "3 n"], surface, table
 
 
 @apart
-def _grouped(limit: Float[Array, " n"], distance, tables: CollisionTables) -> Float[Array, "s g"]:
+def _grouped(
+    limit: Float[Array, " n"], distance: Float[Array, " n"], tables: CollisionTables
+) -> Float[Array, "s g"]:
     """Return how far each vertex of the groups searches, below 0 if it is not asked."""
     bound = jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0)
     return materialised(bound)[jnp.asarray(tables.groups.T)]
 
 
 @apart
-def _words(low: Float[Array, "3 g"], high: Float[Array, "3 g"], limit: Float[Array, "s g"], surface) -> Array:
+def _words(
+    low: Float[Array, "3 g"], high: Float[Array, "3 g"], limit: Float[Array, "s g"], surface: PosedSurface
+) -> Array:
     """Return the marks of the branches within the groups' widest limits, as `branches_within`."""
     return branches_within(branch_gap_squared(low, high, surface), materialised(limit.max(axis=0)))
 
 
 @apart
-def _without_answers(found: Int[Array, "s g"], last, limit, tables: CollisionTables) -> Contacts:
+def _without_answers(
+    found: Int[Array, "s g"], last: Int[Array, " n"], limit: Float[Array, " n"], tables: CollisionTables
+) -> Contacts:
     """Return the contacts of the vertices whose triangles were `found`, but for points and directions."""
     found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
     near, nowhere = found >= 0, jnp.zeros((3, len(found)), limit.dtype)
@@ -300,7 +339,9 @@ def find_again(
 
 
 @apart
-def _bound(here, to, limit: Float[Array, " n"], distance: Float[Array, " k"]) -> Float[Array, " k"]:
+def _bound(
+    here: Int[Array, " k"], to: Int[Array, " k"], limit: Float[Array, " n"], distance: Float[Array, " k"]
+) -> Float[Array, " k"]:
     """Return how far the vertices `here` search; those that fill up a chunk do not."""
     return jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
 
@@ -317,7 +358,14 @@ def one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
 
 
 @apart
-def _with_the_far(made: Contacts, here, to, triangle, found, limit: Float[Array, " n"]) -> dict[str, Array]:
+def _with_the_far(
+    made: Contacts,
+    here: Int[Array, " k"],
+    to: Int[Array, " k"],
+    triangle: Int[Array, " k"],
+    found: Int[Array, " k"],
+    limit: Float[Array, " n"],
+) -> dict[str, Array]:
     """Return the triangles of the vertices `here`, and of those that `found` none that they are far."""
     near = found >= 0
     far = jnp.where(near, len(limit), to)
@@ -337,7 +385,7 @@ def in_chunks(
     """
     words, up_to = _marked(wanted)
 
-    def one(state):
+    def one(state: tuple[Array, T]):
         at, made = state
         return at + many, chunk(*_some(at, many, words, up_to, len(wanted)), made)
 
@@ -351,7 +399,9 @@ def _marked(wanted: Bool[Array, " n"]) -> tuple[Array, Array]:
 
 
 @apart
-def _some(at, many: int, words, up_to, n: int) -> tuple[Array, Array]:
+def _some(
+    at: Int[Array, ""], many: int, words: UInt32[Array, "r w"], up_to: Int[Array, " r"], n: int
+) -> tuple[Array, Array]:
     """Return `many` of `n` places marked from the number `at` on, and where to write them: nowhere, at n."""
     word, bit, valid = select(at, many, words, up_to)
     to = jnp.where(valid, word * WORD + bit, n)
@@ -359,7 +409,14 @@ def _some(at, many: int, words, up_to, n: int) -> tuple[Array, Array]:
 
 
 @apart
-def _answered(made: Contacts, to, triangle, points, surface, tables: CollisionTables) -> dict[str, Array]:
+def _answered(
+    made: Contacts,
+    to: Int[Array, " k"],
+    triangle: Int[Array, " k"],
+    points: Float[Array, "3 k"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> dict[str, Array]:
     """Return the contacts' answers with those of `points` on their triangles, written `to` their places."""
     answer = signed_on(triangle, points, surface, tables.surface)
     return {

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from garment_jax.collision.contacts import Contacts
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.region import Region, first_places, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart
@@ -35,7 +36,7 @@ def advance(
     sizes: list[int],
     count: Array,
     tables: CollisionTables,
-    options,
+    options: CollisionOptions,
     *,
     margin: Array,
 ) -> Iterate:
@@ -54,7 +55,15 @@ def advance(
     return jax.lax.switch(jnp.where(descend, 1 + fits, 0), [projected, *steps])
 
 
-def _descend(size, now: Iterate, base, at: Contacts, region: Region, tables, options) -> Iterate:
+def _descend(
+    size: int,
+    now: Iterate,
+    base: Float[Array, "3 m"],
+    at: Contacts,
+    region: Region,
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> Iterate:
     """Take the steps on the first `size` places, with the coordinates first: so they vectorise."""
     part, x, y, direction, height = _taken(size, now, base, at, region, options.eps)
     step = partial(_gradient_step, direction, height, part, tables)
@@ -63,27 +72,44 @@ def _descend(size, now: Iterate, base, at: Contacts, region: Region, tables, opt
 
 
 @apart
-def _taken(size, now: Iterate, base, at: Contacts, region: Region, eps) -> tuple[Region, *tuple[Array, ...]]:
+def _taken(
+    size: int, now: Iterate, base: Float[Array, "3 m"], at: Contacts, region: Region, eps: float | Array
+) -> tuple[Region, *tuple[Array, ...]]:
     """Return a region's first places, the iterate there and the planes: direction . x >= height."""
     x, y, base, point, direction = (leaf[:, :size] for leaf in (now.x, now.y, base, at.point, at.direction))
     direction = jnp.where(at.known[None, :size], direction, 0.0)  # without a correspondence there is no plane
     return first_places(region, size), x, y, direction, eps - dot(base - point, direction)
 
 
-def _gradient_step(direction, height, region: Region, tables, _, carry):
+def _gradient_step(
+    direction: Float[Array, "3 m"],
+    height: Float[Array, " m"],
+    region: Region,
+    tables: CollisionTables,
+    _: int | Array,
+    carry: tuple[Array, Array, Array],
+):
     """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project."""
     x, y, theta = carry
     return _onto_planes(_ahead(y, region, tables), x, y, theta, direction, height, region.moving)
 
 
 @apart
-def _ahead(y: Float[Array, "3 m"], region: Region, tables) -> Float[Array, "3 m"]:
+def _ahead(y: Float[Array, "3 m"], region: Region, tables: CollisionTables) -> Float[Array, "3 m"]:
     ahead = y - jax.grad(smoothness)(y, region) / jnp.asarray(tables.lipschitz, y.dtype)
     return jnp.where(region.moving[None], ahead, 0.0)
 
 
 @apart
-def _onto_planes(ahead: Float[Array, "3 m"], x, y, theta, direction, height, moving):
+def _onto_planes(
+    ahead: Float[Array, "3 m"],
+    x: Float[Array, "3 m"],
+    y: Float[Array, "3 m"],
+    theta: Float[Array, ""],
+    direction: Float[Array, "3 m"],
+    height: Float[Array, " m"],
+    moving: Bool[Array, " m"],
+):
     """Return the next iterate `ahead` projected, the one extrapolated from it, and theta.
 
     The constraint of a displacement: direction . x >= height. Restart (O'Donoghue and Candes 2015):
@@ -99,7 +125,7 @@ def _onto_planes(ahead: Float[Array, "3 m"], x, y, theta, direction, height, mov
 
 
 @apart
-def _pushed(base, x, at: Contacts, margin: Array):
+def _pushed(base: Float[Array, "3 m"], x: Float[Array, "3 m"], at: Contacts, margin: Array):
     """Return the displacement after projection; where there is no correspondence, as it was."""
     height = jnp.maximum(margin - dot(base + x - at.point, at.direction), 0.0)
     return x + jnp.where(at.known, height, 0.0)[None] * at.direction

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.collision.contacts import Contacts, find_again
 from garment_jax.collision.descent import Iterate, advance
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.region import Members, Region, make_region, region_sizes, smoothness
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.apart import apart
@@ -50,7 +51,7 @@ def iterate(
     members: Members,
     surface: PosedSurface,
     tables: CollisionTables,
-    options,
+    options: CollisionOptions,
 ) -> End:
     """Return the end of a frame's loop, begun from the displacement `x`, for a frame with members.
 
@@ -72,7 +73,9 @@ def iterate(
 
 
 @apart
-def _taken(local, x, first: Contacts, region: Region) -> tuple[Array, Array, Contacts]:
+def _taken(
+    local: Float[Array, "3 n"], x: Float[Array, "3 n"], first: Contacts, region: Region
+) -> tuple[Array, Array, Contacts]:
     """Return what a region's places have; only of what moves anything is known, and any displacement."""
     v = region.vertex
     point, direction, known = first.point[:, v], first.direction[:, v], region.moving & first.known[v]
@@ -81,7 +84,9 @@ def _taken(local, x, first: Contacts, region: Region) -> tuple[Array, Array, Con
 
 
 @apart
-def _put_back(x, first: Contacts, moved, at: Contacts, region: Region) -> tuple[Array, Contacts]:
+def _put_back(
+    x: Float[Array, "3 n"], first: Contacts, moved: Float[Array, "3 m"], at: Contacts, region: Region
+) -> tuple[Array, Contacts]:
     """Return displacement and contacts of the whole garment, with those of what moves written into them."""
     to = jnp.where(region.moving, region.vertex, x.shape[1])
 
@@ -91,7 +96,17 @@ def _put_back(x, first: Contacts, moved, at: Contacts, region: Region) -> tuple[
     return put(x, moved), jax.tree.map(put, first, at)
 
 
-def _in_region(base, x, first, region: Region, sizes, count, surface, tables, options) -> _Progress:
+def _in_region(
+    base: Float[Array, "3 m"],
+    x: Float[Array, "3 m"],
+    first: Contacts,
+    region: Region,
+    sizes: list[int],
+    count: Int[Array, ""],
+    surface: PosedSurface,
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> _Progress:
     """Return the end of the loop on a region, whose steps take one of `sizes` of its first places."""
     margin = options.eps * (1 - options.slack)
 
@@ -116,7 +131,7 @@ def _in_region(base, x, first, region: Region, sizes, count, surface, tables, op
     return jax.lax.while_loop(lambda s: descending(s) | violated(s), body, start)
 
 
-def _push_margin(pushes: Array, options) -> Array:
+def _push_margin(pushes: Array, options: CollisionOptions) -> Array:
     """Return the margin of a projection: in the second half of them, half of the last one's each time.
 
     That half is for what is inside. Pushed out of one wall by the whole margin, a vertex in a narrower gap
@@ -126,14 +141,29 @@ def _push_margin(pushes: Array, options) -> Array:
 
 
 @apart
-def _counted(on, steps, moved, pushes, x: Float[Array, "3 m"], last: Float[Array, "3 m"], options):
+def _counted(
+    on: Bool[Array, ""],
+    steps: Int[Array, ""],
+    moved: Float[Array, ""],
+    pushes: Int[Array, ""],
+    x: Float[Array, "3 m"],
+    last: Float[Array, "3 m"],
+    options: CollisionOptions,
+):
     """Return the steps taken, how far the last ones moved, and the projections."""
     moved = jnp.where(on, jnp.sqrt(squared_length(x - last).max()), moved)
     return steps + jnp.where(on, options.refresh_every, 0), moved, pushes + jnp.where(on, 0, 1)
 
 
 @apart
-def _next_limit(x, searched, base: Float[Array, "3 m"], at: Contacts, moving, options) -> tuple[Array, ...]:
+def _next_limit(
+    x: Float[Array, "3 m"],
+    searched: Float[Array, "3 m"],
+    base: Float[Array, "3 m"],
+    at: Contacts,
+    moving: Bool[Array, " m"],
+    options: CollisionOptions,
+) -> tuple[Array, ...]:
     """Return the vertices moved by `x`, their distances or bounds, and how far to search around them.
 
     Only those are asked that may have come within the margin; the others' distance shrinks by what

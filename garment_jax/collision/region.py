@@ -41,7 +41,9 @@ def dilate(mask: Bool[Array, " n"], tables: CollisionTables, rings: int | Array)
     """Return the vertices within `rings` edges of the marked ones."""
     index = jnp.asarray(tables.index.T)  # of constants XLA would do it anew in every ring
 
-    def ring(_, marks: Array) -> Array:  # integers: a CPU gathers eight of them at a time, but no bits
+    def ring(
+        _: int | Array, marks: Array
+    ) -> Array:  # integers: a CPU gathers eight of them at a time, but no bits
         if len(index) > UNROLLED:
             return marks | marks[index].max(axis=0)
         around = (marks.at[row].get(mode="promise_in_bounds") for row in index)
@@ -110,7 +112,13 @@ def smoothness(x: Float[Array, "3 m"], region: Region) -> Float[Array, ""]:
 
 
 @jax.custom_vjp
-def stretch(x: Float[Array, "3 m"], index, weight, weight_back, total) -> Float[Array, "m 3"]:
+def stretch(
+    x: Float[Array, "3 m"],
+    index: Int[Array, "k m"],
+    weight: Float[Array, "k m"],
+    weight_back: Float[Array, "k m"],
+    total: Float[Array, " m"],
+) -> Float[Array, "m 3"]:
     """Return the Laplacian `[m, 3]` of `x` `[3, m]`; its gradient is a gather with the transposed weights.
 
     Differentiated by itself the gather would become a scatter, several times slower on a CPU. What is
@@ -119,7 +127,9 @@ def stretch(x: Float[Array, "3 m"], index, weight, weight_back, total) -> Float[
     return _apply(materialised(x.T), index, weight, total)
 
 
-def _apply(x: Float[Array, "m 3"], index, weight, total) -> Float[Array, "m 3"]:
+def _apply(
+    x: Float[Array, "m 3"], index: Int[Array, "k m"], weight: Float[Array, "k m"], total: Float[Array, " m"]
+) -> Float[Array, "m 3"]:
     away = -total[:, None] * x
     if len(index) > UNROLLED:
         return away + (_neighbours(x, index) * weight[..., None]).sum(axis=0)
@@ -132,11 +142,17 @@ def _neighbours(x: Float[Array, "m 3"], index: Int[Array, "*k m"]) -> Float[Arra
     return x.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-def _forward(x: Float[Array, "3 m"], index, weight, weight_back, total):
+def _forward(
+    x: Float[Array, "3 m"],
+    index: Int[Array, "k m"],
+    weight: Float[Array, "k m"],
+    weight_back: Float[Array, "k m"],
+    total: Float[Array, " m"],
+):
     return _apply(materialised(x.T), index, weight, total), (index, weight_back, total)
 
 
-def _backward(saved, r: Float[Array, "m 3"]):
+def _backward(saved: tuple[Array, Array, Array], r: Float[Array, "m 3"]):
     index, weight_back, total = saved
     r = materialised(r)  # it would be computed anew for every neighbour
     slope = materialised(_apply(r, index, weight_back, total))  # turned while it is made it would take longer

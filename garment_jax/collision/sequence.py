@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.projection import initial_state
 from garment_jax.collision.result import CollisionState, Outcome
 from garment_jax.collision.sides import SideState, SideTables, after_collisions, first_sides, keep_sides
-from garment_jax.collision.solver import CollisionOptions, free_vertices, resolve_collisions
+from garment_jax.collision.solver import free_vertices, resolve_collisions
 from garment_jax.collision.standing import Standing, calmed, keeps, nobody_stands, standing_frames, stood
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.collision.tightening import resolve_unstretched

@@ -24,6 +24,7 @@ from garment_jax.collision.contacts import (
     in_groups,
 )
 from garment_jax.collision.loop import End, iterate
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.region import Members, dilate, find_members
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
 from garment_jax.collision.tables import CollisionTables
@@ -33,25 +34,6 @@ from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 from garment_jax.geometry.triangle import dot
 
 ROUNDS = 9  # of a frame at most that push out what is inside where parts of the body cross
-
-
-class CollisionOptions(NamedTuple):
-    """Settings of the solver. Lengths in metres; all may be traced but `sizes`."""
-
-    eps: float = 1e-3  # margin outside the body
-    slack: float = 0.05  # part of the margin, 0 to 1, that may be missing: the surface's curvature, float32
-    reach: float = 2e-3  # vertices so much beyond the margin are kept from the body from the first step
-    iterations: int = 20  # gradient steps at most
-    refresh_every: int = 10  # gradient steps between two searches for correspondences
-    tolerance: float = 5e-4  # largest movement between two searches that counts as standing still
-    projections: int = 8  # projections at the end at most, each with new correspondences
-    rings: int = 4  # edges from a contact to the last vertex that may move
-    sizes: tuple[float, ...] = (
-        0.09,
-        0.18,
-        0.27,
-        0.36,
-    )  # of regions, in parts of the garment; beyond: all of it
 
 
 @apart
@@ -78,7 +60,7 @@ def resolve_collisions(
     """
     check_pins(pins, pin_positions)
     V_f, collider_vertices, state = _of_one_kind(V_f, collider_vertices, state)
-    free = free_vertices(len(V_f), pins)
+    free = jnp.asarray(free_vertices(len(V_f), pins))
     surface = pose_surface(collider_vertices, tables.surface)
     V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
     found = _first_contacts(planes, local, free, finite, state, surface, tables, options)
@@ -169,7 +151,9 @@ class _Round(NamedTuple):
     pushes: jax.Array  # [] int32
 
 
-def _of_one_kind(V_f, collider_vertices, state: CollisionState) -> tuple[Array, Array, CollisionState]:
+def _of_one_kind(
+    V_f: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], state: CollisionState
+) -> tuple[Array, Array, CollisionState]:
     """Return the same in the widest of their floating-point types: both ends of a frame must agree in it."""
     kind = jnp.result_type(V_f, collider_vertices, state.V, state.collider, state.correction)
     V, collider, correction = (jnp.asarray(x, kind) for x in (state.V, state.collider, state.correction))
@@ -178,13 +162,19 @@ def _of_one_kind(V_f, collider_vertices, state: CollisionState) -> tuple[Array, 
 
 
 @apart
-def _in_contact(first: Contacts, free, options) -> Bool[Array, " n"]:
+def _in_contact(first: Contacts, free: Bool[Array, " n"], options: CollisionOptions) -> Bool[Array, " n"]:
     """Return the vertices within the margin, and all that are inside."""
     return free & first.known & (first.ds < jnp.maximum(options.eps * (1 - options.slack), 0.0))
 
 
 @apart
-def _told(planes, free, last: _Round, surface, options) -> tuple[CollisionResult, CollisionState]:
+def _told(
+    planes: Float[Array, "3 n"],
+    free: Bool[Array, " n"],
+    last: _Round,
+    surface: PosedSurface,
+    options: CollisionOptions,
+) -> tuple[CollisionResult, CollisionState]:
     """Return the result of a frame that was solved, and the state for the next one."""
     end = last.end
     planes, V = _answer(planes, last.moving, end.x)
@@ -202,7 +192,14 @@ def _told(planes, free, last: _Round, surface, options) -> tuple[CollisionResult
 
 @apart
 def _nothing_told(
-    V, planes, finite, free, last: _Round, state: CollisionState, surface, options
+    V: Float[Array, "n 3"],
+    planes: Float[Array, "3 n"],
+    finite: Bool[Array, ""],
+    free: Bool[Array, " n"],
+    last: _Round,
+    state: CollisionState,
+    surface: PosedSurface,
+    options: CollisionOptions,
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the same where there is no contact, so nothing inside; the old state if not all is finite."""
     none, count, first = jnp.zeros((), planes.dtype), jnp.int32(0), last.end.at
@@ -231,7 +228,9 @@ def _nothing_told(
 
 
 @apart
-def _figures(before: tuple[Array, Array], end: End, free, options) -> dict[str, Array]:
+def _figures(
+    before: tuple[Array, Array], end: End, free: Bool[Array, " n"], options: CollisionOptions
+) -> dict[str, Array]:
     """Return all of `CollisionResult` but the garment and the planes; `before` as `_depth`."""
     deepest, after = _depth(end.at, free)
     outcome = _outcome(end, free, options)
@@ -254,12 +253,14 @@ def free_vertices(n: int, pins: Int[Array | np.ndarray, " p"] | None) -> Bool[Ar
     return jnp.ones(n, bool).at[pins].set(False)
 
 
-def check_pins(pins, pin_positions) -> None:
+def check_pins(pins: Int[Array | np.ndarray, " p"] | None, pin_positions: Array | np.ndarray | None) -> None:
     """Raise `ValueError` unless both are None or there are as many positions `[p, 3]` as pins."""
-    if (pins is None) != (pin_positions is None):
+    if pins is None or pin_positions is None:
+        if pins is pin_positions:
+            return
         given, missing = ("pins", "pin_positions") if pin_positions is None else ("pin_positions", "pins")
         raise ValueError(f"{given} came without {missing}; give both, or neither where nothing is pinned.")
-    if pins is not None and jnp.shape(pin_positions) != (len(pins), 3):
+    if jnp.shape(pin_positions) != (len(pins), 3):
         raise ValueError(
             f"pin_positions is {list(jnp.shape(pin_positions))} for {len(pins)} pins; "
             f"give [{len(pins)}, 3], a position for each."
@@ -267,7 +268,12 @@ def check_pins(pins, pin_positions) -> None:
 
 
 @apart
-def _placed(V_f, pins, pin_positions, surface: PosedSurface) -> tuple[Array, Array, Array, Array]:
+def _placed(
+    V_f: Float[Array, "n 3"],
+    pins: Int[Array | np.ndarray, " p"] | None,
+    pin_positions: Float[Array, "p 3"] | None,
+    surface: PosedSurface,
+) -> tuple[Array, Array, Array, Array]:
     """Return the garment with pins `[n, 3]`, `[3, n]`, from the surface's origin, and if all is finite."""
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
     planes = _planes_of(V)
@@ -286,7 +292,16 @@ def _rows_of(planes: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
 
 
 @apart
-def _first_contacts(planes, local, free, finite, state: CollisionState, surface, tables, options) -> Contacts:
+def _first_contacts(
+    planes: Float[Array, "3 n"],
+    local: Float[Array, "3 n"],
+    free: Bool[Array, " n"],
+    finite: Bool[Array, ""],
+    state: CollisionState,
+    surface: PosedSurface,
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> Contacts:
     """Return the contacts of a garment, searched for as far as they may be."""
     grouped = in_groups(local, tables)
     boxes = boxes_of(grouped)
@@ -296,25 +311,30 @@ def _first_contacts(planes, local, free, finite, state: CollisionState, surface,
 
 
 @apart
-def _first_limit(crossed: Float[Array, " n"], asked, state: CollisionState, options) -> Array:
+def _first_limit(
+    crossed: Float[Array, " n"],
+    asked: Bool[Array, " n"],
+    state: CollisionState,
+    options: CollisionOptions,
+) -> Array:
     """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
     limit = jnp.maximum(crossed, options.eps + options.reach)
     return jnp.where(asked, jnp.where(state.outside, limit, jnp.inf), -1.0)
 
 
 @apart
-def _depth(at: Contacts, counted) -> tuple[Array, Array]:
+def _depth(at: Contacts, counted: Bool[Array, " n"]) -> tuple[Array, Array]:
     """Return the deepest penetration (metres) and how many vertices are inside."""
     inside = _inside(at, counted)
     return jnp.where(inside, -at.ds, 0.0).max(), inside.sum().astype(jnp.int32)
 
 
-def _inside(at: Contacts, counted) -> Array:
+def _inside(at: Contacts, counted: Bool[Array, " n"]) -> Array:
     return counted & at.known & (at.ds < 0)
 
 
 @apart
-def _outcome(end: End, free, options) -> Array:
+def _outcome(end: End, free: Bool[Array, " n"], options: CollisionOptions) -> Array:
     lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
     outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
     missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
@@ -322,19 +342,23 @@ def _outcome(end: End, free, options) -> Array:
 
 
 @apart
-def _answer(planes: Float[Array, "3 n"], moving, x) -> tuple[Array, Array]:
+def _answer(
+    planes: Float[Array, "3 n"], moving: Bool[Array, " n"], x: Float[Array, "3 n"]
+) -> tuple[Array, Array]:
     """Return the garment moved by `x`, `[3, n]` and `[n, 3]`; bitwise as it was where nothing moves."""
     planes = jnp.where(moving[None], planes + x, planes)
     return planes, _rows_of(planes)
 
 
 @apart
-def _moved_by(moving, x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
+def _moved_by(moving: Bool[Array, " n"], x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
     return jnp.where(moving[None], x, 0.0)
 
 
 @apart
-def _walls(at: Contacts, free, origin: Float[Array, "3"], options) -> Planes:
+def _walls(
+    at: Contacts, free: Bool[Array, " n"], origin: Float[Array, "3"], options: CollisionOptions
+) -> Planes:
     direction = jnp.where((free & at.known)[None], at.direction, 0.0)
     return Planes(direction, dot(at.point + origin[:, None], direction) + options.eps)
 
@@ -345,12 +369,18 @@ def _outside(at: Contacts) -> Bool[Array, " n"]:
 
 
 @apart
-def _if_finite(finite, following: CollisionState, state: CollisionState) -> CollisionState:
+def _if_finite(finite: Bool[Array, ""], following: CollisionState, state: CollisionState) -> CollisionState:
     return jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
 @apart
-def _begun(contact, free, correction, tables, options) -> tuple[Members, Array]:
+def _begun(
+    contact: Bool[Array, " n"],
+    free: Bool[Array, " n"],
+    correction: Float[Array, "3 n"],
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> tuple[Members, Array]:
     """Return what moves, and from where."""
     moving = dilate(contact, tables, options.rings) & free
     return find_members(moving, tables), jnp.where(moving[None], correction, 0.0)

@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.result import CollisionResult, CollisionState, Outcome, Planes
-from garment_jax.collision.solver import CollisionOptions, free_vertices, resolve_collisions
+from garment_jax.collision.solver import free_vertices, resolve_collisions
 from garment_jax.collision.tables import CollisionTables
 from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_limited
 from garment_jax.geometry.triangle import dot
@@ -68,11 +69,11 @@ def resolve_unstretched(
             V, collider_vertices, state, tables=tables, pins=pins, pin_positions=positions, options=options
         )
 
-    def more(carry):
+    def more(carry: tuple[Array, _Last, _Best]):
         rounds, last, _ = carry
         return (rounds == 0) | ((last.excess > DONE) & (rounds <= ROUNDS))
 
-    def one(carry):  # the first one too: what compiles once costs half
+    def one(carry: tuple[Array, _Last, _Best]):  # the first one too: what compiles once costs half
         rounds, last, best = carry
         first = rounds == 0
         V = jax.lax.cond(first, lambda: V_f, lambda: _shortened(last, strain, as_in))

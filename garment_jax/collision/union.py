@@ -61,7 +61,7 @@ def sided(
 
 
 @apart
-def _misled(number: Int[Array, " m"], at: Contacts, asked) -> Bool[Array, " m"]:
+def _misled(number: Int[Array, " m"], at: Contacts, asked: Bool[Array, " m"]) -> Bool[Array, " m"]:
     """Return whose nearest sheet bounds nothing, by the winding numbers around them.
 
     A vertex on its sheet has no number; there it is that of the sheet's outer side.
@@ -69,7 +69,13 @@ def _misled(number: Int[Array, " m"], at: Contacts, asked) -> Bool[Array, " m"]:
     return asked & (number != (at.ds < -BESIDE))
 
 
-def _numbers(wanted: Bool[Array, " m"], at: Contacts, local, surface, tables) -> Int[Array, " m"]:
+def _numbers(
+    wanted: Bool[Array, " m"],
+    at: Contacts,
+    local: Float[Array, "3 m"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Int[Array, " m"]:
     """Return the winding numbers around the vertices that are wanted, 0 of the others."""
 
     def chunk(here: Array, to: Array, number: Array) -> Array:
@@ -80,7 +86,13 @@ def _numbers(wanted: Bool[Array, " m"], at: Contacts, local, surface, tables) ->
     return in_chunks(wanted, chunk, jnp.zeros(len(wanted), jnp.int32), RAYS)
 
 
-def _numbers_by_speakers(at: Contacts, asked, local, surface, tables) -> Int[Array, " m"]:
+def _numbers_by_speakers(
+    at: Contacts,
+    asked: Bool[Array, " m"],
+    local: Float[Array, "3 m"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Int[Array, " m"]:
     """Return the same, one vertex speaking for those of its group that are nearer to it than the surface."""
     speaker, spoken = _speakers(at, asked, local, tables)
     speaks = _speaking(speaker, spoken & at.known[speaker])
@@ -89,7 +101,9 @@ def _numbers_by_speakers(at: Contacts, asked, local, surface, tables) -> Int[Arr
 
 
 @apart
-def _speakers(at: Contacts, asked, local: Float[Array, "3 m"], tables) -> tuple[Array, Array]:
+def _speakers(
+    at: Contacts, asked: Bool[Array, " m"], local: Float[Array, "3 m"], tables: CollisionTables
+) -> tuple[Array, Array]:
     """Return the vertex of each one's group that is farthest from the surface, and whether it speaks for it.
 
     What nobody has found within a distance is outside, and farther.
@@ -129,7 +143,14 @@ class _Wider(NamedTuple):
     begun: jax.Array  # [] bool: `at` holds the misled with the right side of their nearest sheets
 
 
-def _bounding(at: Contacts, number: Int[Array, " m"], misled: Bool[Array, " m"], local, surface, tables):
+def _bounding(
+    at: Contacts,
+    number: Int[Array, " m"],
+    misled: Bool[Array, " m"],
+    local: Float[Array, "3 m"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+):
     """Return the contacts, those `misled` with the nearest triangles that bound the union.
 
     A loop that goes round not once where nobody is: a condition would copy what it returns.
@@ -175,7 +196,9 @@ def _box_of(local: Float[Array, "3 m"], misled: Bool[Array, " m"]) -> tuple[Arra
 
 
 @apart
-def _corners_near(low: Float[Array, "3"], high: Float[Array, "3"], surface, tables) -> Bool[Array, " c"]:
+def _corners_near(
+    low: Float[Array, "3"], high: Float[Array, "3"], surface: PosedSurface, tables: CollisionTables
+) -> Bool[Array, " c"]:
     """Return the vertices of the leaves that come within a box."""
     bounds = surface.bounds.transpose(1, 0, 2).reshape(11, -1)
     middle, half = bounds[:3], bounds[3:6] + SLACK
@@ -186,7 +209,9 @@ def _corners_near(low: Float[Array, "3"], high: Float[Array, "3"], surface, tabl
 
 
 @apart
-def _free_corners(free: Bool[Array, " c"], wanted: Bool[Array, " c"], surface, tables) -> Bool[Array, " c"]:
+def _free_corners(
+    free: Bool[Array, " c"], wanted: Bool[Array, " c"], surface: PosedSurface, tables: CollisionTables
+) -> Bool[Array, " c"]:
     """Return which vertices have the winding number 0 on their outer side, the `wanted` ones looked at."""
 
     def chunk(here: Array, to: Array, made: Array) -> Array:
@@ -200,7 +225,9 @@ def _free_corners(free: Bool[Array, " c"], wanted: Bool[Array, " c"], surface, t
 
 
 @apart
-def _without(refused: Bool[Array, " r"], free: Bool[Array, " c"], surface, tables) -> PosedSurface:
+def _without(
+    refused: Bool[Array, " r"], free: Bool[Array, " c"], surface: PosedSurface, tables: CollisionTables
+) -> PosedSurface:
     """Return the surface for a search: all but the triangles with free corners is nowhere."""
     bounds = free[jnp.asarray(tables.surface.faces)].all(axis=1) & ~refused
     corners = surface.corners.reshape(-1, 9, LEAF)
@@ -209,7 +236,9 @@ def _without(refused: Bool[Array, " r"], free: Bool[Array, " c"], surface, table
 
 
 @apart
-def _noted(made: tuple, to: Int[Array, " k"], found, around, sheet: Signed) -> tuple:
+def _noted(
+    made: tuple, to: Int[Array, " k"], found: Int[Array, " k"], around: Int[Array, " k"], sheet: Signed
+) -> tuple:
     """Return contacts, what is left and what is refused with the answers of a chunk."""
     at, left, refused = made
     won = (found >= 0) & (around == 0)
@@ -223,7 +252,9 @@ def _noted(made: tuple, to: Int[Array, " k"], found, around, sheet: Signed) -> t
 
 
 @apart
-def _by_their_nearest(at: Contacts, inside: Bool[Array, " m"], misled, local) -> Contacts:
+def _by_their_nearest(
+    at: Contacts, inside: Bool[Array, " m"], misled: Bool[Array, " m"], local: Float[Array, "3 m"]
+) -> Contacts:
     """Return the contacts, those `misled` on the right side of their nearest sheet."""
     sheet = _on_its_side(local, inside, Signed(at.point, at.direction, at.ds, at.direction))
     return at._replace(

@@ -123,19 +123,32 @@ def _inverses(ab: Float[Array, "3 n"], ac: Float[Array, "3 n"]) -> tuple[Array, 
 
 
 @apart
-def _foot_in(p: Float[Array, "3 n"], a, ab, ac, inverses) -> tuple[Array, Array, Array, Array]:
+def _foot_in(
+    p: Float[Array, "3 n"],
+    a: Float[Array, "3 n"],
+    ab: Float[Array, "3 n"],
+    ac: Float[Array, "3 n"],
+    inverses: tuple[Array, Array, Array, Array],
+) -> tuple[Array, Array, Array, Array]:
     """Return where in its triangle each closest point is, as `closest_on_triangle`."""
     return closest_on_triangle(p, triangle_rows(a, ab, ac, inverses))
 
 
 @apart
-def _foot(a: Float[Array, "3 n"], ab, ac, s: Array, u: Array) -> tuple[Array, Array]:
+def _foot(
+    a: Float[Array, "3 n"], ab: Float[Array, "3 n"], ac: Float[Array, "3 n"], s: Array, u: Array
+) -> tuple[Array, Array]:
     """Return the closest points and the triangles' normals, `[3, n]` each."""
     return a + s[None] * ab + u[None] * ac, _unit(jnp.stack(cross(ab, ac)))
 
 
 @apart
-def _signed(p: Float[Array, "3 n"], point, normal, squared) -> tuple[Array, Array]:
+def _signed(
+    p: Float[Array, "3 n"],
+    point: Float[Array, "3 n"],
+    normal: Float[Array, "3 n"],
+    squared: Float[Array, " n"],
+) -> tuple[Array, Array]:
     """Return the signed distances and their gradients."""
     away = p - point
     # Nearer than a micrometre the difference of the two points is rounding; the normal is not.
@@ -148,7 +161,13 @@ def _signed(p: Float[Array, "3 n"], point, normal, squared) -> tuple[Array, Arra
 
 
 @apart
-def _pseudo_normal(triangle, region, own: Float[Array, "3 n"], surface, tables) -> Float[Array, "3 n"]:
+def _pseudo_normal(
+    triangle: Int[Array, " n"],
+    region: Int[Array, " n"],
+    own: Float[Array, "3 n"],
+    surface: PosedSurface,
+    tables: SurfaceTables,
+) -> Float[Array, "3 n"]:
     """Return the outward normal of the feature that the closest point lies on (`own`: the triangle's).
 
     Face: its normal; edge: the mean of both sides; corner: the mean around it weighted by angle,
@@ -163,7 +182,9 @@ def _pseudo_normal(triangle, region, own: Float[Array, "3 n"], surface, tables) 
 
 
 @apart
-def _wide_too(corner: Float[Array, "3 n"], place: Int[Array, " n"], flat, tables) -> Float[Array, "3 n"]:
+def _wide_too(
+    corner: Float[Array, "3 n"], place: Int[Array, " n"], flat: Float[Array, " c3"], tables: SurfaceTables
+) -> Float[Array, "3 n"]:
     """Return the normals of corners, those with a `place` among the widest made of all their triangles."""
 
     def some() -> Array:
@@ -174,7 +195,9 @@ def _wide_too(corner: Float[Array, "3 n"], place: Int[Array, " n"], flat, tables
 
 
 @apart
-def _around(triangle, region, tables: SurfaceTables) -> tuple[Array, Array]:
+def _around(
+    triangle: Int[Array, " n"], region: Int[Array, " n"], tables: SurfaceTables
+) -> tuple[Array, Array]:
     """Return the triangle beyond the edge, and the vertex, that each closest point may lie on."""
     faces, across = jnp.asarray(tables.faces), jnp.asarray(tables.across)
     return across[triangle, jnp.clip(region - 1, 0, 2)], faces[triangle, jnp.clip(region - 4, 0, 2)]

@@ -166,7 +166,13 @@ def elastic_gradient(x: Float[Array, "3 n"], edges: Edges, tables: ElasticTables
 
 
 @apart
-def _pull(own: Float[Array, "3 m"], edges, around, band: Band, crushed) -> Float[Array, "3 m"]:
+def _pull(
+    own: Float[Array, "3 m"],
+    edges: Float[Array, "3 k m"],
+    around: Float[Array, "3 k m"],
+    band: Band,
+    crushed: float,
+) -> Float[Array, "3 m"]:
     """Return the gradient of one band's stretching, per unit of `spring`."""
     pull = jnp.zeros_like(own)
     for k in range(len(band.index)):
@@ -177,7 +183,9 @@ def _pull(own: Float[Array, "3 m"], edges, around, band: Band, crushed) -> Float
 
 
 @apart
-def _together(bent: Float[Array, "3 n"], x: Float[Array, "3 n"], pulled: list[Array], tables) -> Array:
+def _together(
+    bent: Float[Array, "3 n"], x: Float[Array, "3 n"], pulled: list[Array], tables: ElasticTables
+) -> Array:
     return bent + tables.hold * x + tables.spring * jnp.concatenate(pulled, axis=1)
 
 

@@ -37,13 +37,13 @@ def winding_by_ray(
     words = _branches_met(points, ahead, asked, surface)
     up_to = marked_up_to(words)
 
-    def pairs(state):
+    def pairs(state: tuple[Array, Array]):
         at, around = state
         point, branch, valid = select(at, PAIRS, words, up_to)
         inner = _leaves_met(points, ahead, point, branch, valid, surface)
         inner_up_to = marked_up_to(inner)
 
-        def tests(state):
+        def tests(state: tuple[Array, Array]):
             at, around = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
             which, leaf = point[pair], branch[pair] * BRANCH + place
@@ -59,7 +59,9 @@ def winding_by_ray(
 
 
 @apart
-def _branches_met(points, ahead, asked, surface: PosedSurface) -> UInt32[Array, "k w"]:
+def _branches_met(
+    points: Float[Array, "3 k"], ahead: Bool[Array, " k"], asked: Bool[Array, " k"], surface: PosedSurface
+) -> UInt32[Array, "k w"]:
     """Return the marks of the branches whose boxes a point's ray meets."""
     low, high = _full_words(surface)
     p = points[:, None]  # the points last: what is summed over the last axis takes five times as long
@@ -78,7 +80,14 @@ def _full_words(surface: PosedSurface) -> tuple[Array, Array]:
 
 
 @apart
-def _leaves_met(points, ahead, point, branch, valid, surface: PosedSurface):
+def _leaves_met(
+    points: Float[Array, "3 k"],
+    ahead: Bool[Array, " k"],
+    point: Int[Array, " p"],
+    branch: Int[Array, " p"],
+    valid: Bool[Array, " p"],
+    surface: PosedSurface,
+):
     """Return the marks of each pair's leaves whose boxes the ray meets."""
     bounds, p = surface.bounds[branch], points[:, point, None]
     beside = (jnp.abs(p[x] - bounds[:, x]) <= bounds[:, 3 + x] * (1 + 1e-5) + 1e-6 for x in range(2))
@@ -90,7 +99,14 @@ def _leaves_met(points, ahead, point, branch, valid, surface: PosedSurface):
 
 
 @apart
-def _crossings(points, ahead, which, leaf, surface: PosedSurface, first) -> Int[Array, " k"]:
+def _crossings(
+    points: Float[Array, "3 k"],
+    ahead: Bool[Array, " k"],
+    which: Int[Array, " t"],
+    leaf: Int[Array, " t"],
+    surface: PosedSurface,
+    first: Bool[Array, "l s"],
+) -> Int[Array, " t"]:
     """Return through how many of its leaf's triangles each test's ray leaves, less those it enters by."""
     rows = surface.corners[leaf].reshape(-1, 3, 3, LEAF)
     x, y, z = (
@@ -105,7 +121,7 @@ def _crossings(points, ahead, which, leaf, surface: PosedSurface, first) -> Int[
     return jnp.where(met, jnp.where(up == left, 1, -1), 0).sum(axis=1)
 
 
-def _edge(x, y, u, v) -> tuple[Array, Array]:
+def _edge(x: Array, y: Array, u: Array, v: Array) -> tuple[Array, Array]:
     """Return on which side of an edge from (x, y) to (u, v) the origin is, and twice their triangle's area.
 
     The ends are taken in one order whichever way the edge goes, for a product rounds differently in another.
@@ -122,5 +138,7 @@ def _edge(x, y, u, v) -> tuple[Array, Array]:
 
 
 @apart
-def _added(around: Int[Array, " k"], which, count, valid) -> Int[Array, " k"]:
+def _added(
+    around: Int[Array, " k"], which: Int[Array, " t"], count: Int[Array, " t"], valid: Bool[Array, " t"]
+) -> Int[Array, " k"]:
     return around.at[jnp.where(valid, which, len(around))].add(count, mode="drop")

@@ -130,17 +130,26 @@ def search(
 
 
 @apart
-def _tested(words, rows, limits, key, where, points: Float[Array, "3 s g"], surface, at_once: int):
+def _tested(
+    words: UInt32[Array, "g w"],
+    rows: Float[Array, "g 3 s"],
+    limits: Float[Array, "g s"],
+    key: Int[Array, " n"],
+    where: Int[Array, " n"],
+    points: Float[Array, "3 s g"],
+    surface: PosedSurface,
+    at_once: int,
+):
     """Return the keys and the leaves of what is nearest; `at_once` of the pairs that are marked at a time."""
     up_to, flat, shape = marked_up_to(words), points.reshape(3, -1), points.shape[1:]
 
-    def pairs(state):
+    def pairs(state: tuple[Array, Array, Array]):
         at, key, where = state
         group, branch, valid = select(at, at_once, words, up_to)
         inner = _inner(rows, limits, group, branch, valid, surface)
         inner_up_to = marked_up_to(inner)
 
-        def tests(state):
+        def tests(state: tuple[Array, Array, Array]):
             at, key, where = state
             pair, place, valid = select(at, TESTS, inner, inner_up_to)
             point, its, target = _named(pair, place, valid, group, branch, shape)
@@ -177,19 +186,39 @@ def _rows(words: UInt32[Array, "w g"], points: Float[Array, "3 s g"], limit: Flo
 
 
 @apart
-def _inner(rows: Float[Array, "g 3 s"], limits, group, branch, valid, surface) -> UInt32[Array, "k w"]:
+def _inner(
+    rows: Float[Array, "g 3 s"],
+    limits: Float[Array, "g s"],
+    group: Int[Array, " k"],
+    branch: Int[Array, " k"],
+    valid: Bool[Array, " k"],
+    surface: PosedSurface,
+) -> UInt32[Array, "k w"]:
     """Return the marks of each pair's leaves and points within the point's own limit, leaf after leaf."""
     reached = _reached(*_looked_up(rows, limits, surface.bounds, group, branch))
     return pack((reached & valid[:, None, None]).reshape(len(group), -1))
 
 
 @apart
-def _looked_up(rows, limits, bounds, group, branch) -> tuple[Array, Array, Array]:
+def _looked_up(
+    rows: Float[Array, "g 3 s"],
+    limits: Float[Array, "g s"],
+    bounds: Float[Array, "b 11 l"],
+    group: Int[Array, " k"],
+    branch: Int[Array, " k"],
+) -> tuple[Array, Array, Array]:
     return rows[group], limits[group], bounds[branch]
 
 
 @apart
-def _named(pair, place, valid, group, branch, shape: tuple[int, ...]) -> tuple[Array, Array, Array]:
+def _named(
+    pair: Int[Array, " t"],
+    place: Int[Array, " t"],
+    valid: Bool[Array, " t"],
+    group: Int[Array, " k"],
+    branch: Int[Array, " k"],
+    shape: tuple[int, ...],
+) -> tuple[Array, Array, Array]:
     """Return the point and the leaf of each test, and where the point's answer is kept: nowhere, beyond."""
     s, g = shape
     point = place % s * g + group[pair]
@@ -197,7 +226,9 @@ def _named(pair, place, valid, group, branch, shape: tuple[int, ...]) -> tuple[A
 
 
 @apart
-def _nearest_in(flat: Float[Array, "3 n"], point, corners, its) -> Int[Array, " k"]:
+def _nearest_in(
+    flat: Float[Array, "3 n"], point: Int[Array, " t"], corners: Float[Array, "l c"], its: Int[Array, " t"]
+) -> Int[Array, " k"]:
     """Return the least key of each test's triangles."""
     rows = corners[its].reshape(-1, 3, 3, LEAF).transpose(1, 2, 0, 3)
     squared = materialised(squared_distance(flat[:, point], rows))
@@ -205,7 +236,14 @@ def _nearest_in(flat: Float[Array, "3 n"], point, corners, its) -> Int[Array, " 
 
 
 @apart
-def _noted(key, where, found, its, target, valid) -> tuple[Array, Array]:
+def _noted(
+    key: Int[Array, " n"],
+    where: Int[Array, " n"],
+    found: Int[Array, " t"],
+    its: Int[Array, " t"],
+    target: Int[Array, " t"],
+    valid: Bool[Array, " t"],
+) -> tuple[Array, Array]:
     """Return the keys and leaves with what was found written `target` its place."""
     key = key.at[target].min(found, mode="drop")
     won = valid & (key.at[target].get(mode="clip") == found)
@@ -269,7 +307,7 @@ def branches_within(gap_squared: Float[Array, "w g"], widest: Float[Array, " g"]
 
 
 @apart
-def _marks(points: Float[Array, "3 s g"], limit, surface) -> Array:
+def _marks(points: Float[Array, "3 s g"], limit: Float[Array, "s g"], surface: PosedSurface) -> Array:
     """Return the marks `[w / 32, g]` of the pairs of a group and a branch that may hold a closest point."""
     gap = branch_gap_squared(*group_boxes(points, limit >= 0), surface)
     return branches_within(gap, limit.max(axis=0))

@@ -4,20 +4,22 @@ A triangle without area is the longest of its edges, one without length its firs
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 Coordinates = tuple[Array, ...]  # x, y, z, each of the same shape
+Vector = Coordinates | list[Array] | Array | np.ndarray  # x, y, z first
 
 
 FLAT = 1e-12  # squared sine of the angle below which a triangle has no inside
 THIN = 1e-5  # the same, below which its normal is no guide: a neighbour that is as near is preferred
 
 
-def dot(u, v):
+def dot(u: Vector, v: Vector):
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def squared_length(u):
+def squared_length(u: Vector):
     return dot(u, u)
 
 
@@ -31,7 +33,7 @@ def most(x: Array, y: Array | float) -> Array:
     return jnp.where(x > y, x, y)
 
 
-def cross(u, v):
+def cross(u: Vector, v: Vector):
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
 
@@ -40,7 +42,7 @@ def _inverse(x: Array) -> Array:
     return jnp.where(x > 0, 1.0 / jnp.where(x > 0, x, 1.0), 0.0)
 
 
-def triangle_inverses(ab, ac) -> tuple[Array, Array, Array, Array]:
+def triangle_inverses(ab: Vector, ac: Vector) -> tuple[Array, Array, Array, Array]:
     """Return 1 over the squares of twice the area and of the edges `ab`, `ac`, `bc`; 0 where there is none.
 
     A triangle thinner than 1e-6 of its edges counts as without area.
@@ -53,7 +55,9 @@ def triangle_inverses(ab, ac) -> tuple[Array, Array, Array, Array]:
     return area, _inverse(ab2), _inverse(ac2), _inverse(bc2)
 
 
-def triangle_rows(a, ab, ac, inverses) -> list[Array]:
+def triangle_rows(
+    a: Vector, ab: Vector, ac: Vector, inverses: tuple[Array, Array, Array, Array]
+) -> list[Array]:
     """Return what a test of a triangle needs: corner, edges, dual edges, products (22 arrays).
 
     `x . g` are the barycentric coordinates of x's foot point. A triangle without area (`triangle_inverses`)
@@ -65,7 +69,7 @@ def triangle_rows(a, ab, ac, inverses) -> list[Array]:
     return [*a, *ab, *ac, *g, dot(ab, ab), dot(ac, ac), dot(ab, ac), *edges, jnp.where(area > 0, 0.0, -1.0)]
 
 
-def closest_on_triangle(p, rows) -> tuple[Array, Array, Array, Array]:
+def closest_on_triangle(p: Vector, rows: list[Array]) -> tuple[Array, Array, Array, Array]:
     """Return `(s, u, squared distance, region)` of the closest points a + s ab + u ac to `p`.
 
     Region: 0 face; 1, 2, 3 edges (0,1), (1,2), (2,0); 4, 5, 6 corners 0, 1, 2.
@@ -118,12 +122,12 @@ def squared_distance(points: Float[Array, "3 k"], corners: Float[Array, "3 3 k t
     return jnp.where(sine > THIN, squared, squared * (1 + 2e-5) + 1e-12)
 
 
-def _to_edge(p, e):
+def _to_edge(p: Vector, e: Vector):
     """Return the squared distance to the segment from 0 to `e`; to 0 if it has no length."""
     t = least(most(dot(p, e) * _inverse(dot(e, e)), 0.0), 1.0)
     r = tuple(x - t * y for x, y in zip(p, e, strict=True))
     return dot(r, r)
 
 
-def minus(u, v):
+def minus(u: Vector, v: Vector):
     return tuple(x - y for x, y in zip(u, v, strict=True))

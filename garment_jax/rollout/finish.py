@@ -63,7 +63,7 @@ def make_finisher(
     @lru_cache(maxsize=1)  # compiled when the first motion needs it, and shared by all of them
     def resolver() -> Callable:
         from garment_jax.collision.chunks import make_chunk_resolver
-        from garment_jax.collision.solver import CollisionOptions
+        from garment_jax.collision.options import CollisionOptions
 
         assert scene.collider is not None
         settings = config.collision
