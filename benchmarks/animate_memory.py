@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from measured import MEGABYTE, report
+from measured import report
 
 from garment_jax.body.looped_motion import looped_motion
 from garment_jax.data.sequence import SequenceWriter, open_sequence
@@ -32,7 +32,7 @@ def animated(model: str, motion: Path, out: Path, *options: str) -> dict[str, fl
     child.returncode = os.waitstatus_to_exitcode(status)
     if child.returncode:
         raise SystemExit(f"{' '.join(command)} ended with {child.returncode}")
-    return {"seconds": time.perf_counter() - began, "peak MB": usage.ru_maxrss * 1024 / MEGABYTE}
+    return {"seconds": time.perf_counter() - began, "peak MB": usage.ru_maxrss * 1024 / 1e6}
 
 
 def main() -> None:

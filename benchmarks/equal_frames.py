@@ -27,10 +27,10 @@ import numpy as np
 import swing_from_simulation as clips_of
 from equal_stages import LANES, STAGES, WINDOWS, compiled, make_stages, on_device, places_at
 from learnt_frames import Knowledge, begin_worker, find_known, packed
-from measured import machine
 from swing_from_simulation import say
 
 from garment_jax.body.garment_skinning import closest_weights
+from garment_jax.machine import machine
 from garment_jax.structs import TrainState
 
 SECONDS = {"warm_up": 80, "codes": 70, "swing": 90, "bones": 60, "residual": 25, "santesteban": 60}

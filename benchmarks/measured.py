@@ -1,47 +1,9 @@
-"""What every benchmark says about itself: the machine, the date, its memory, a table and a JSON file."""
+"""What every benchmark says about itself: a table under the machine's line, and a JSON file."""
 
-import datetime
 import json
-import os
-import platform
-import resource
 from pathlib import Path
 
-import jax
-
-MEGABYTE = 1e6
-
-
-def machine() -> dict[str, str]:
-    """Return processor, cores, load, versions and date: without them a figure says nothing."""
-    device = jax.devices()[0]
-    return {
-        "processor": _processor(),
-        "cores": str(os.cpu_count()),
-        "load": f"{os.getloadavg()[0]:.1f}",
-        "device": f"{device.platform} {device.device_kind}",
-        "jax": jax.__version__,
-        "python": platform.python_version(),
-        "date": datetime.datetime.now().astimezone().isoformat(timespec="minutes"),
-    }
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
-
-
-def resident_mb() -> float:
-    """Return the memory that this process holds now, MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE
-
-
-def peak_mb() -> float:
-    """Return the most memory that this process has held, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MEGABYTE
+from garment_jax.machine import machine
 
 
 def report(rows: list[dict], *, title: str, facts: dict, json_path: Path | None) -> None:

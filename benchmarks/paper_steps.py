@@ -12,8 +12,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from measured import peak_mb, report
+from measured import report
 from short_training import few_steps, stage_speeds
+
+from garment_jax.machine import peak_mb
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the scene made in code lives with the tests
 from garment_jax.config import load_config

@@ -15,13 +15,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-from measured import machine
 
 from garment_jax.benchmark.methods import reconstructed
 from garment_jax.body.root_frame import to_root
 from garment_jax.data.motion_input import motion_input
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_skinned_template
+from garment_jax.machine import machine
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.model import Model, template_for, without_swing
 from garment_jax.rollout.variants import without_lengths

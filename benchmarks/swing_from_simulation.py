@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from measured import machine
 
 from garment_jax.body.crossed_motion import cross_motions
 from garment_jax.body.mirror import FLIP, mirror_motion
@@ -38,6 +37,7 @@ from garment_jax.evaluation.cloth import edge_strain, rest_lengths
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.machine import machine
 from garment_jax.simulation.screening import SETTLED, ScreenLimits
 from garment_jax.structs import Motion, Scene
 from garment_jax.swing.motion import SwingFrame, swing_frames

@@ -10,10 +10,11 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from measured import peak_mb, report
+from measured import report
 from short_training import few_steps, stage_speeds
 
 from garment_jax.config import load_config
+from garment_jax.machine import peak_mb
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.drift import drift, skinned_template, skinning_weights
 from garment_jax.evaluation.rmse import rmse_per_frame
+from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion
 
 
@@ -45,11 +46,8 @@ def again(path: Path, angle: float, options: argparse.Namespace) -> np.ndarray:
     frames = simulate_frames(scene, whole, settings, drape=draped, flat=flat)
     V = np.stack([(x.astype(np.float64) @ turn).astype(np.float32) for x in frames])
     if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        partial = kept.with_suffix(".partial")
-        with partial.open("wb") as file:
-            np.save(file, V)
-        partial.replace(kept)
+        with replaced(kept) as (made,):
+            np.save(made, V)
     print(f"{path.stem}, turned by {angle:g} degrees: done", flush=True)
     return V
 

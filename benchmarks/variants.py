@@ -17,7 +17,6 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from measured import machine
 
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import heading, to_root
@@ -28,6 +27,7 @@ from garment_jax.evaluation.penetration import (
     neighbour_faces,
     signed_distance,
 )
+from garment_jax.machine import machine
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.calibration import measured_ms
 from garment_jax.rollout.model import Model, load_model

@@ -26,6 +26,7 @@ import jax
 import numpy as np
 from jax import monitoring
 
+from garment_jax.machine import processor, processor_flags
 from garment_jax.storage.scratch import scratch
 from garment_jax.storage.whole import replaced
 
@@ -194,24 +195,13 @@ def surroundings() -> str:
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     device = jax.devices()[0]
-    texts = [jax.__version__, version("jaxlib"), device.platform, device.device_kind, processor()]
+    texts = [jax.__version__, version("jaxlib"), device.platform, device.device_kind]
+    texts += [processor(), processor_flags()]
     texts += [os.environ.get("XLA_FLAGS", ""), str(len(jax.devices())), str(os.cpu_count())]
     settings = ("jax_default_matmul_precision", "jax_enable_x64")
     texts += [str(getattr(jax.config, name)) for name in settings]
     digest.update("\n".join(texts).encode())
     return digest.hexdigest()
-
-
-def processor() -> str:
-    """Return the processor's name and abilities: a program made for another one may not run."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        import platform
-
-        return platform.processor() or platform.machine()
-    wanted = [line.split(":", 1)[1].strip() for line in lines if line.startswith(("model name", "flags"))]
-    return " ".join(wanted[:2])
 
 
 def _read(path: Path) -> tuple[Any, Any] | None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from garment_jax import progress
-from garment_jax.progress import FrameProgress
+from garment_jax.progress import FrameProgress, duration
 
 
 class Terminal(io.StringIO):
@@ -30,8 +30,8 @@ def test_a_terminal_shows_frames_speed_and_time_left_and_is_left_clean(clock: li
         clock[0] += 20
         show(40, 40)
     first, last, blank, rest = stream.getvalue().split("\r")[1:]
-    assert first.rstrip() == "walk_01: 10/40 frames, 0.5 frames/s, 60 s left"
-    assert last.rstrip() == "walk_01: 40/40 frames, 1.0 frames/s, 0 s left"
+    assert first.rstrip() == "walk_01: 10/40 frames, 0.5 frames/s, 1:00 left"
+    assert last.rstrip() == "walk_01: 40/40 frames, 1.0 frames/s, 0:00 left"
     assert (blank.strip(), rest) == ("", "")
     assert len(blank) >= len(first)
     assert "\n" not in stream.getvalue()
@@ -53,9 +53,9 @@ def test_elsewhere_a_line_comes_every_half_minute(clock: list[float]) -> None:
             clock[0] += 1
             show(done, 100)
     assert stream.getvalue().splitlines() == [
-        "drape: 30/100 frames, 1.0 frames/s, 70 s left",
-        "drape: 60/100 frames, 1.0 frames/s, 40 s left",
-        "drape: 90/100 frames, 1.0 frames/s, 10 s left",
+        "drape: 30/100 frames, 1.0 frames/s, 1:10 left",
+        "drape: 60/100 frames, 1.0 frames/s, 0:40 left",
+        "drape: 90/100 frames, 1.0 frames/s, 0:10 left",
     ]
 
 
@@ -79,3 +79,17 @@ def test_an_interrupted_line_is_ended_and_nothing_shown_is_nothing_written(clock
     with FrameProgress("drape", stream=quiet) as show:
         show(1, 45)
     assert quiet.getvalue() == ""
+
+
+def test_training_counts_its_own_steps_in_frames_and_shows_the_last(clock: list[float]) -> None:
+    stream = io.StringIO()
+    with FrameProgress("motion", unit="steps", start=100, frames_per_step=50, stream=stream) as show:
+        clock[0] += 5
+        show(110, 200, note="loss 0.5")  # too early for a log file
+        show(110, 200, note="loss 0.5", last=True)
+    # 10 steps of 50 frames in 5 s: 100 frames/s, and 90 steps at 2 a second are left
+    assert stream.getvalue() == "motion: 110/200 steps, 100 frames/s, 0:45 left, loss 0.5\n"
+
+
+def test_durations() -> None:
+    assert [duration(s) for s in (0, 61.4, 3_661)] == ["0:00", "1:01", "1:01:01"]

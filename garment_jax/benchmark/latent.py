@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.benchmark.files import write_json
-from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.plan import Job, Plan
 from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.root_frame import heading, to_root
@@ -15,6 +14,7 @@ from garment_jax.data.sequence import open_sequence
 from garment_jax.data.template import Template
 from garment_jax.generative.network import decode, encode
 from garment_jax.geometry.skinning import unskin_frames
+from garment_jax.machine import machine
 from garment_jax.rollout.model import Model, template_for
 from garment_jax.storage.whole import written_whole
 from garment_jax.structs import Motion

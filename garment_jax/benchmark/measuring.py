@@ -8,12 +8,12 @@ import numpy as np
 
 from garment_jax.baselines import Runner
 from garment_jax.benchmark.files import write_json
-from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.methods import load
 from garment_jax.benchmark.plan import Job, Plan, is_reconstruction
 from garment_jax.benchmark.settings import Row
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.evaluation.command import evaluate_files
+from garment_jax.machine import machine
 from garment_jax.storage.whole import replaced
 
 

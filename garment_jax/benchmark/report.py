@@ -8,7 +8,6 @@ from typing import Any
 
 from garment_jax.benchmark import paper
 from garment_jax.benchmark.files import finite
-from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.page import make_page
 from garment_jax.benchmark.plan import Plan
 from garment_jax.benchmark.records import Records, gather
@@ -26,6 +25,7 @@ from garment_jax.benchmark.tables import (
     to_markdown,
     vto_table,
 )
+from garment_jax.machine import machine
 from garment_jax.storage.whole import write_text
 
 UNMEASURED = {"sted_window_frames": 15, "sted_c": 0.1, "penetration_tolerance_mm": 0.1}

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from garment_jax.benchmark.files import write_json
-from garment_jax.benchmark.machine import machine, peak_mb
 from garment_jax.benchmark.plan import Job, Plan
 from garment_jax.benchmark.timing import first_frames
 from garment_jax.data.sequence import open_sequence
+from garment_jax.machine import machine, peak_mb
 
 
 def time_simulator(plan: Plan, job: Job) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 
 from garment_jax.baselines import Runner
 from garment_jax.benchmark.files import write_json
-from garment_jax.benchmark.machine import machine, peak_mb, process_age
 from garment_jax.benchmark.methods import load, stored_bytes
 from garment_jax.benchmark.plan import Job, Plan
 from garment_jax.data.sequence import open_sequence
+from garment_jax.machine import machine, peak_mb, process_age
 from garment_jax.structs import Motion, Scene
 
 WARM_UP = 20  # single steps that are not counted

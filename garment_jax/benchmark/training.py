@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from garment_jax.benchmark.files import read_json, write_json
-from garment_jax.benchmark.machine import machine
 from garment_jax.benchmark.methods import fit
 from garment_jax.benchmark.plan import Job, Plan
 from garment_jax.benchmark.sharing import share_prepared
 from garment_jax.config import to_dict
+from garment_jax.machine import machine
 from garment_jax.training.log import read_log
 from garment_jax.training.loop import DivergedError
 

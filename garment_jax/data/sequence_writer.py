@@ -1,6 +1,5 @@
 """Writing a sequence file: frames are appended as they are made, the file appears when it is whole."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +13,7 @@ from garment_jax.data import layout
 from garment_jax.data.content_hash import scene_hash
 from garment_jax.data.guarded_file import GuardedFile, uninterrupted
 from garment_jax.data.replaceable import check_name
-from garment_jax.storage.scratch import make_scratch, remove_scratch
+from garment_jax.storage.whole import Unfinished
 from garment_jax.structs import Motion, Scene
 
 DEFAULT_SCALE = 5e-5  # metres per int16 step: 0.025 mm of error at most, 1.638 m of reach
@@ -72,7 +71,7 @@ class SequenceWriter:
             self._attributes["kind"] = MOTION_ONLY
         self._check = check
         self._written = 0
-        self._scratch: Path | None = None
+        self._unfinished: Unfinished | None = None
         self._disk: GuardedFile | None = None
         self._file: h5py.File | None = None
 
@@ -129,20 +128,20 @@ class SequenceWriter:
             self._check_complete()
             self._close()
             self._check_disk()
-            assert self._scratch is not None
+            assert self._unfinished is not None
             if self._check is not None:
-                self._check(self._scratch / self.path.name)
-            os.replace(self._scratch / self.path.name, self.path)
+                self._check(self._unfinished.path)
+            self._unfinished.move()
         except BaseException:
             self._discard()
             raise
-        remove_scratch(self._scratch)
+        self._unfinished.discard()
 
     def _begin(self) -> None:
         """Open the file and write all that is known before the first frame."""
         try:
-            self._scratch = make_scratch(self.path.parent)
-            self._disk = GuardedFile(self._scratch / self.path.name)
+            self._unfinished = Unfinished(self.path)
+            self._disk = GuardedFile(self._unfinished.path)
         except OSError as error:
             raise OSError(
                 f"{self.path} could not be written ({error.strerror}); choose another folder."
@@ -240,8 +239,8 @@ class SequenceWriter:
     def _discard(self) -> None:
         """Close the file and delete what is not in its place."""
         self._close()
-        if self._scratch is not None:
-            remove_scratch(self._scratch)
+        if self._unfinished is not None:
+            self._unfinished.discard()
 
 
 def _packing(array: np.ndarray) -> dict:

@@ -4,6 +4,10 @@ Python's own unpickler calls whatever a file names. Here the opcodes are followe
 becomes an inert `Name`, and only those that `pickled_objects` knows how to make of plain data are made. All
 others are refused by their full names. Memory is bounded by the file's size: lengths that are announced are
 believed only where that many bytes follow.
+
+A subclass of `pickle.Unpickler` with an allow-list in `find_class` was weighed: nothing would run, but memory
+would have no bound. Python 3.11's takes 2 GB for a pickle of 9 bytes (an index of its memo of 2^27), 2.5 GB
+for 10 MB of empty sets, and 2 s for a key of nested tuples in 60 bytes, twice that for each further level.
 """
 
 import codecs

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from flax.traverse_util import flatten_dict, unflatten_dict
 
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import Config, from_dict, load_config, to_dict, to_toml
@@ -140,7 +141,7 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     """
     folder = Path(folder)
     check_replaceable(folder, model.garment_hash)
-    arrays = {name: _stored(name, x, bits) for name, x in _flatten(model.params).items()}
+    arrays = {name: _stored(name, x, bits) for name, x in flatten_dict(model.params, sep="/").items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
     facts["shaping"] = shaping_of(to_dict(model.config))
@@ -191,7 +192,8 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
         _check_statistics(statistics)
         described = facts["garment_hash"], facts["vertices"], facts["fps"], read_seen_body(facts.get("seen"))
         # widened on the host, and no `jnp.asarray`: jax would compile a program for every shape
-        params = _unflatten({name: jax.device_put(np.asarray(x, np.float32)) for name, x in arrays.items()})
+        placed = {name: jax.device_put(np.asarray(x, np.float32)) for name, x in arrays.items()}
+        params = unflatten_dict(placed, sep="/")
     return Model(config, params, statistics, *described)
 
 
@@ -280,21 +282,3 @@ def from_metadata(metadata: dict[str, Any], params: dict, source: str | Path) ->
         raise ValueError(
             f"{source} holds a damaged checkpoint ({error}); delete it to go on from the one before."
         ) from error
-
-
-def _flatten(tree: dict, prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        flat |= _flatten(value, f"{prefix}{key}/") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
-
-
-def _unflatten(flat: dict[str, Any]) -> dict:
-    tree: dict = {}
-    for name, value in flat.items():
-        *folders, leaf = name.split("/")
-        node = tree
-        for folder in folders:
-            node = node.setdefault(folder, {})
-        node[leaf] = value
-    return tree

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from garment_jax.storage.scratch import scratch
+from garment_jax.storage.scratch import make_scratch, remove_scratch, scratch
 
 _FILLED = (errno.ENOTEMPTY, errno.EEXIST)
 
@@ -63,6 +63,23 @@ def replaced(
                 path.unlink(missing_ok=True)
             for path, target in sorted(zip(made, targets, strict=True), key=lambda pair: pair[1] in last):
                 os.replace(path, target)
+
+
+class Unfinished:
+    """A file that is written piece by piece at `path`, in a scratch folder, until `move` or `discard`."""
+
+    def __init__(self, target: Path) -> None:
+        self._target = target
+        self._place = make_scratch(target.parent)
+        self.path = self._place / target.name
+
+    def move(self) -> None:
+        """Let the file, closed by now, take the target's place."""
+        os.replace(self.path, self._target)
+
+    def discard(self) -> None:
+        """Remove what has not been moved."""
+        remove_scratch(self._place)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -21,6 +21,7 @@ from typing import Any
 import jax
 import numpy as np
 import orbax.checkpoint as ocp
+from flax.traverse_util import unflatten_dict
 from jax.tree_util import keystr, tree_flatten_with_path
 
 from garment_jax.storage.scratch import scratch
@@ -113,17 +114,8 @@ class Checkpointer:
 
     def tree(self, part: str, *, step: int | None = None) -> dict:
         """The nested dict of arrays saved under the field `part`, without knowing its structure."""
-        tree: dict[str, Any] = {}
-        for path, (_, value) in self._read(step).items():
-            field, _, rest = path.partition("/")
-            if field != part:
-                continue
-            *folders, leaf = rest.split("/")
-            node = tree
-            for folder in folders:
-                node = node.setdefault(folder, {})
-            node[leaf] = value
-        return tree
+        paths = ((path.partition("/"), value) for path, (_, value) in self._read(step).items())
+        return unflatten_dict({rest: value for (field, _, rest), value in paths if field == part}, sep="/")
 
     def metadata(self, step: int | None = None) -> dict[str, Any]:
         """What `save` described: `metadata`, `extra`, `step`, `versions`, `leaves`."""

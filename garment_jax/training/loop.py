@@ -18,9 +18,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from garment_jax.progress import FrameProgress, duration
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog, read_log
-from garment_jax.training.progress import Progress, duration
 
 _AHEAD = 2  # batches made in advance
 # A log line's mean loss this many times the lowest so far: diverged. In 40 stages that trained well no line
@@ -72,10 +72,10 @@ def run_stage(
     logger.truncate(name, done)
     watch = _LossWatch(name, checkpointer, logger)
     clock = _Clock(seconds)
-    progress = Progress(name, start=done, steps=steps, frames_per_step=frames_per_step)
+    progress = FrameProgress(name, unit="steps", start=done, frames_per_step=frames_per_step)
     window: list[Mapping[str, Any]] = []
     batches = _prefetched(batch_at, done, steps)
-    with _stop_signals() as signals, contextlib.closing(progress), contextlib.closing(batches):
+    with _stop_signals() as signals, progress, contextlib.closing(batches):
         for step, batch in enumerate(batches, start=done + 1):
             state, metrics = step_fn(state, batch)
             window.append(metrics)
@@ -85,10 +85,10 @@ def run_stage(
             if at_log:
                 means = watch.means(window, step)
                 logger.write(name, step, means, seconds=clock.total())
-                progress.show(step, means["loss"], last=last or stop)
+                progress(step, steps, note=f"loss {means['loss']:.4g}", last=last or stop)
                 window = []
             if validate and _due(step, validate_every, last):
-                progress.close()
+                progress.clear()
                 logger.write(name, step, validate(state), kind="validation", seconds=clock.total())
             late = at_log and clock.since_saved() >= checkpoint_seconds
             if late or _due(step, checkpoint_every, last or stop):
@@ -96,7 +96,7 @@ def run_stage(
                 checkpointer.save(step, state, extra={"seconds": clock.total()})
                 clock.saved()
             if stop or (last and signals):
-                progress.close()
+                progress.clear()
                 print(f"{name}: stopped and saved at step {step}; the same command goes on", file=sys.stderr)
                 raise StoppedError(130)
     print(f"{name}: {steps} steps in {duration(clock.total())}", file=sys.stderr)

@@ -2,7 +2,6 @@
 
 import html
 import json
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.resources import files
@@ -10,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 
-from garment_jax.storage.scratch import make_scratch, remove_scratch
+from garment_jax.storage.whole import Unfinished
 from garment_jax.viewer.payload import as_text
 
 # In the order in which they stand in the page; they share one scope.
@@ -54,8 +53,8 @@ class PageWriter:
     def __enter__(self) -> "PageWriter":
         head, self._tail = _template(self._title)
         try:
-            self._scratch = make_scratch(self.path.parent)
-            self._file = open(self._scratch / self.path.name, "w", encoding="utf-8")
+            self._unfinished = Unfinished(self.path)
+            self._file = open(self._unfinished.path, "w", encoding="utf-8")
         except OSError as error:
             raise OSError(f"{self.path} could not be written ({error.strerror}).") from error
         try:
@@ -73,7 +72,7 @@ class PageWriter:
             return
         try:
             self._write(lambda file: file.close())
-            os.replace(self._scratch / self.path.name, self.path)
+            self._unfinished.move()
         finally:
             self._discard()
 
@@ -89,7 +88,7 @@ class PageWriter:
     def _discard(self) -> None:
         with suppress(OSError):  # what cannot be written is deleted anyway
             self._file.close()
-        remove_scratch(self._scratch)
+        self._unfinished.discard()
 
 
 def in_html(text: str) -> str:

@@ -211,7 +211,7 @@ def test_frames_are_counted_on_stderr(tmp_path: Path, scene, jobs, monkeypatch, 
     assert names[2] == "two: 1/12 frames"  # the longer clip first; 4 frames lead into its 8
     assert names[-1] == "one: 10/10 frames"
     assert len(lines) == 2 + 12 + 10
-    assert all("frames/s" in line and line.endswith("s left") for line in lines)
+    assert all("frames/s" in line and line.endswith(" left") for line in lines)
 
 
 def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):

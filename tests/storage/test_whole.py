@@ -87,3 +87,17 @@ def test_a_folder_that_fills_up_meanwhile_stays(tmp_path: Path):
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "theirs").touch()
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_files_are_moved_into_place_in_one_room() -> None:
+    package = Path(__file__).parents[2] / "garment_jax"
+    own_order = {
+        "rollout/model_folder.py",
+        "training/checkpoint.py",
+    }  # several moves that a reader tells apart
+    movers = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if "os.replace(" in path.read_text(encoding="utf-8")
+    }
+    assert movers == own_order | {"storage/whole.py"}

@@ -1,4 +1,4 @@
-"""Where and with what a figure was measured: without it the figure says nothing."""
+"""The machine that we run on: processor, memory, versions, date. No figure is worth anything without them."""
 
 import datetime
 import os
@@ -15,11 +15,11 @@ PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "scipy")
 
 def machine() -> dict[str, str]:
     """Return processor, cores, memory, load, device, versions and date."""
-    import jax
+    import jax  # here: `process_age` is asked before it is loaded
 
     device = jax.devices()[0]
     return {
-        "processor": _line("/proc/cpuinfo", "model name") or platform.processor() or platform.machine(),
+        "processor": processor(),
         "cores": str(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()),
         "memory": _line("/proc/meminfo", "MemTotal") or "unknown",
         "load": f"{os.getloadavg()[0]:.1f}",
@@ -30,6 +30,16 @@ def machine() -> dict[str, str]:
         **{name: _version(name) for name in PACKAGES},
         "date": datetime.datetime.now().astimezone().isoformat(timespec="minutes"),
     }
+
+
+def processor() -> str:
+    """Return the processor's name."""
+    return _line("/proc/cpuinfo", "model name") or platform.processor() or platform.machine()
+
+
+def processor_flags() -> str:
+    """Return the processor's abilities, where the system tells: a program made for others may not run."""
+    return _line("/proc/cpuinfo", "flags")
 
 
 def _line(file: str, key: str) -> str:
@@ -49,6 +59,12 @@ def _version(package: str) -> str:
 def peak_mb() -> float:
     """Return the most memory that this process has held, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+
+
+def resident_mb() -> float:
+    """Return the memory that this process holds now, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def process_age() -> float | None:
