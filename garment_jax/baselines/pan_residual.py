@@ -16,7 +16,6 @@ from garment_jax.data.prepared import frames_of
 from garment_jax.data.template import Template
 from garment_jax.detail.losses import detail_terms
 from garment_jax.structs import TrainState
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
 
 BATCH = 8  # frames
@@ -96,20 +95,16 @@ def train_residual(
 
         return jax.jit(step, donate_argnums=0)
 
-    state = optimise(
+    return optimise(
         run,
         "residual",
-        lambda o: TrainState(params, o.init(params), jax.random.key(0), jnp.int32(0)),
+        params,
         step_of,
         batch_at,
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=settings.pan_residual_rate,
-            weight_decay=run.config.detail.weight_decay,
-            steps=settings.pan_residual_steps,
-        ),
         steps=settings.pan_residual_steps,
-        validate=None if validate is None else lambda state: validate(state.params),
+        learning_rate=settings.pan_residual_rate,
+        weight_decay=run.config.detail.weight_decay,
+        seed=0,
         frames_per_step=BATCH,
+        validate=validate,
     )
-    return state.params

@@ -5,6 +5,7 @@ window's outputs come at once, and the state alone crosses into the next window,
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +18,6 @@ from garment_jax.data.batches import lane_schedule
 from garment_jax.data.lanes import LaneWindow, frame_weights
 from garment_jax.motion.network import gru_step
 from garment_jax.structs import TrainState
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise
 
 
@@ -129,27 +129,20 @@ def train_recurrent(
     lanes_at, batch_at = windows(run, inputs, targets, steps=steps, seed=seed)
     lanes, width = len(lanes_at[0].clip), len(first_hidden(params))
 
-    def begin(optimiser) -> TrainState:
-        h = jnp.zeros((lanes, width))
-        return TrainState(params, optimiser.init(params), jax.random.key(seed), jnp.int32(0), h)
-
-    state = optimise(
+    return optimise(
         run,
         stage,
-        begin,
-        lambda optimiser: make_window_step(error, optimiser),
+        params,
+        partial(make_window_step, error),
         batch_at,
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=rate,
-            weight_decay=run.config.motion.weight_decay,
-            steps=steps,
-        ),
         steps=steps,
-        validate=None if validate is None else lambda state: validate(state.params),
+        learning_rate=rate,
+        weight_decay=run.config.motion.weight_decay,
+        seed=seed,
         frames_per_step=lanes * run.config.motion.window,
+        carry=jnp.zeros((lanes, width)),
+        validate=validate,
     )
-    return state.params
 
 
 def windows(

@@ -1,21 +1,15 @@
-"""Many clips: simulated by several processes, screened, written, and gone on with clip by clip."""
+"""Many clips into files: simulated (`many.py`), screened, written, and gone on with clip by clip."""
 
 import hashlib
 import json
-import multiprocessing
 import os
-import platform
 import shutil
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -24,20 +18,16 @@ from garment_jax.data.content_hash import scene_hash, stored_attribute, stored_h
 from garment_jax.data.replaceable import COLLIDED, RESTARTED
 from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
-from garment_jax.progress import FrameProgress
+from garment_jax.simulation.many import AT_ONCE, Task, check_counts, simulate_many
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
-from garment_jax.simulation.start import ClothState, check_motion
+from garment_jax.simulation.start import check_motion
 from garment_jax.storage.lock import locked
 from garment_jax.storage.scratch import sweep
 from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion, Scene
 
-if TYPE_CHECKING:
-    from garment_jax.simulation.side_by_side import SideBySide
-
 ENGINE = "newton SolverStyle3D"
-AT_ONCE = 128  # clips side by side on a GPU: one for each of its multiprocessors, about
 
 
 class Job(NamedTuple):
@@ -49,8 +39,8 @@ class Job(NamedTuple):
     made_from: str = ""  # names of the clips that it is a variation of
 
 
-class _Task(NamedTuple):
-    """One clip with all that its screening and its file need."""
+class _Output(NamedTuple):
+    """What a clip's screening and its file need."""
 
     scene: Scene
     job: Job
@@ -96,8 +86,7 @@ def simulate_clips(
     written, and for a file of a clip's name that must not be replaced.
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
-    _check_workers(workers)
-    _check_at_once(at_once)
+    check_counts(workers, at_once)
     _check_surface(scene)
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
@@ -135,19 +124,11 @@ def _simulate_missing(
         sweep(folder)  # what a run left that was killed between writing and tidying
     if not todo:
         return [outcomes[i] for i in range(len(jobs))]
-    from garment_jax.simulation.newton_cloth import drape
-
-    waves = -(-len(todo) // at_once)  # of equal sizes, nearly: a place that is not filled takes as long
-    cloths = None if device == "cpu" else _side_by_side(scene, settings, flat, -(-len(todo) // waves), device)
-    progress("draping the garment from rest")
-    with FrameProgress("drape") as frames:
-        draped = drape(scene, settings, flat=flat, progress=frames)
-    tasks = {
-        i: _Task(scene, jobs[i], paths[i], settings, limits, keys[i])
-        for i in sorted(todo, key=lambda i: -len(jobs[i].motion.root))  # the longest first: no core waits
-    }
-    simulate = partial(_simulate_one, drape=draped, flat=flat)
-    running = _run(tasks, simulate, workers) if cloths is None else _run_waves(tasks, cloths, draped, workers)
+    outputs = {i: _Output(scene, jobs[i], paths[i], settings, limits, keys[i]) for i in todo}
+    tasks = {i: Task(jobs[i].name, jobs[i].motion, partial(_finish, outputs[i])) for i in todo}
+    running = simulate_many(
+        scene, tasks, settings, flat=flat, workers=workers, device=device, at_once=at_once, progress=progress
+    )
     began, done, total = time.perf_counter(), 0, sum(len(jobs[i].motion.root) for i in todo)
     for i, outcome in running:
         outcomes[i] = outcome
@@ -159,29 +140,6 @@ def _simulate_missing(
             f"{done}/{total} frames, {seconds / done * (total - done):.0f} s left"
         )
     return [outcomes[i] for i in range(len(jobs))]
-
-
-def _check_workers(workers: int) -> None:
-    if workers < 1:
-        raise ValueError(f"workers={workers} must be 1 or more; take as many as there are cores to spare.")
-
-
-def _check_at_once(at_once: int) -> None:
-    if at_once < 1:
-        raise ValueError(f"at_once={at_once} must be 1 or more; {AT_ONCE} fill a large GPU.")
-
-
-def _side_by_side(
-    scene: Scene, settings: ClothSettings, flat: np.ndarray | None, at_once: int, device: str
-) -> "SideBySide":
-    from garment_jax.simulation.side_by_side import SideBySide
-
-    try:
-        return SideBySide(scene, settings, flat, at_once, device)
-    except RuntimeError as error:
-        raise ValueError(
-            f"{at_once} clips at once do not fit on {device} ({error}); give a smaller --at-once."
-        ) from error
 
 
 def _check_surface(scene: Scene) -> None:
@@ -258,97 +216,9 @@ def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.
     return digest.hexdigest()[:16]
 
 
-def _run(
-    tasks: dict[int, _Task], simulate: Callable[..., Outcome], workers: int
-) -> Iterator[tuple[int, Outcome]]:
-    if min(workers, len(tasks)) == 1:
-        for i, task in tasks.items():
-            yield i, simulate(task, show=True)
-        return
-    with _pool(workers, _end_with_parent) as pool:
-        running = {pool.submit(simulate, task): i for i, task in tasks.items()}
-        yield from _finished(running)
-
-
-def _run_waves(
-    tasks: dict[int, _Task], cloths: "SideBySide", drape: ClothState, workers: int
-) -> Iterator[tuple[int, Outcome]]:
-    """Simulate as many clips at once as `cloths` holds, screen and write those before them meanwhile."""
-    order = list(tasks)
-    waves = [order[k : k + cloths.clips] for k in range(0, len(order), cloths.clips)]
-    running: dict[Future, int] = {}
-    with _pool(workers, _finish_first) as pool:
-        try:
-            for k, wave in enumerate(waves):
-                began, motions = time.perf_counter(), [tasks[i].job.motion for i in wave]
-                with FrameProgress(
-                    f"clips {k * cloths.clips + 1} to {k * cloths.clips + len(wave)}"
-                ) as progress:
-                    simulated = cloths.simulate(motions, drape=drape, progress=progress)
-                seconds = (time.perf_counter() - began) / len(wave)
-                yield from _finished(running)  # else a slow disk would fill the memory
-                for i, V in zip(wave, simulated, strict=True):
-                    running[pool.submit(_finish, tasks[i], V, seconds, cloths.device_name)] = i
-                del simulated, V  # gigabytes, beside the next wave's
-            yield from _finished(running)
-        except BaseException:
-            for future in running:
-                future.cancel()
-            raise
-
-
-def _pool(workers: int, initializer: Callable[[], None]) -> ProcessPoolExecutor:
-    # spawned, not forked: JAX and Warp hold threads
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=initializer)
-
-
-def _finish_first() -> None:
-    """Let a clip that is being written come to its end on Ctrl-C, seconds; the parent stops the rest."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with_parent()
-
-
-def _finished(running: dict[Future, int]) -> Iterator[tuple[int, Outcome]]:
-    """Yield what becomes of all in `running`, and take it out, as it is done; cancel the rest if stopped."""
-    try:
-        while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
-    except BaseException:
-        for future in running:
-            future.cancel()
-        raise
-
-
-def _end_with_parent() -> None:
-    """End this worker when its parent ends, however it does: killed, it would leave workers that go on."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _simulate_one(task: _Task, *, drape: ClothState, flat: np.ndarray | None, show: bool = False) -> Outcome:
-    """Simulate, screen and write a clip; `show` its frames' progress, where no other process has the line."""
-    from garment_jax.simulation.newton_cloth import simulate_frames
-
-    began = time.perf_counter()
-    scene, job, _, settings, *_ = task
-    with FrameProgress(job.name) if show else nullcontext() as progress:
-        frames = simulate_frames(scene, job.motion, settings, drape=drape, flat=flat, progress=progress)
-        V = np.stack([np.asarray(frame, np.float32) for frame in frames])
-    return _finish(task, V, time.perf_counter() - began, platform.machine())
-
-
-def _finish(task: _Task, V: np.ndarray, seconds: float, machine: str) -> Outcome:
+def _finish(output: _Output, V: np.ndarray, seconds: float, machine: str) -> Outcome:
     """Screen and write a clip that was simulated in `seconds` on `machine`."""
-    scene, job, path, settings, limits, key = task
+    scene, job, path, settings, limits, key = output
     try:
         screen = screen_clip(scene, job.motion, V)
     except ValueError as error:

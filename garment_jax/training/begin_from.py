@@ -61,9 +61,11 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
 def begun_from(folder: str, part: str, fresh: dict) -> dict:
     """Return the parameters `part` of the saved model in `folder`, in the shapes of `fresh` ones.
 
-    Raises `FileNotFoundError` or `ValueError` for a folder without a model, and for a model whose `part`
-    has other shapes, or that has none.
+    `fresh` themselves where `folder` is "". Raises `FileNotFoundError` or `ValueError` for a folder without a
+    model, and for a model whose `part` has other shapes, or that has none.
     """
+    if not folder:
+        return fresh
     others = [name for name in PARTS if name != part]
     found = load_model(folder, leave_out=others).params.get(part, {})
     if jax.tree.map(jnp.shape, found) != jax.tree.map(jnp.shape, fresh):

@@ -1,5 +1,6 @@
 """Stage 3: the detail enhancement module against its discriminator (paper 3.4)."""
 
+from functools import partial
 from operator import itemgetter
 
 import jax
@@ -14,10 +15,9 @@ from garment_jax.progress import FrameProgress
 from garment_jax.rollout.clips import stack_motions
 from garment_jax.rollout.scan import latent_rollout
 from garment_jax.rollout.step import init_state
-from garment_jax.structs import FrameInput, TrainState
+from garment_jax.structs import FrameInput
 from garment_jax.training.begin_from import begun_from
 from garment_jax.training.codes import true_codes
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
 
 CHUNK = 50  # frames of a rollout at a time
@@ -45,29 +45,24 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
         ]
         return DetailBatch(rebuild(codes), jnp.asarray(codes), jnp.asarray(np.stack(truth)))
 
-    def begin(optimiser) -> TrainState:
-        params = init_players(
-            jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
-        )
-        if training.begin_from:
-            params["G"] = begun_from(training.begin_from, "detail", params["G"])
-        return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 6), jnp.int32(0))
-
-    player = make_optimiser(
-        training, learning_rate=config.learning_rate, weight_decay=config.weight_decay, steps=config.steps
+    params = init_players(
+        jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
     )
-    state = optimise(
+    params["G"] = begun_from(training.begin_from, "detail", params["G"])
+    trained = optimise(
         run,
         "detail",
-        begin,
-        lambda optimiser: make_detail_train_step(run.template, config, optimiser),
+        params,
+        partial(make_detail_train_step, run.template, config),
         batch_at,
-        optimiser=side_by_side({"G": player, "D": player}),
         steps=config.steps,
-        validate=None,
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        seed=training.seed + 6,
         frames_per_step=config.batch,
+        players=lambda player: side_by_side({"G": player, "D": player}),
     )
-    return state.params["G"]
+    return trained["G"]
 
 
 def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:

@@ -1,6 +1,7 @@
 """Stage 1: the garment generative model (paper 3.2)."""
 
 from collections.abc import Callable
+from functools import partial
 from operator import itemgetter
 
 import jax
@@ -12,9 +13,8 @@ from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode, encode, init_generative
 from garment_jax.generative.principal import begin_linear
 from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
-from garment_jax.structs import FrameInput, TrainState
+from garment_jax.structs import FrameInput
 from garment_jax.training.begin_from import begun_from
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, checkpointer, optimise, say
 
 START_FRAMES = 2_400  # frames whose principal components the model begins from
@@ -22,32 +22,20 @@ START_FRAMES = 2_400  # frames whose principal components the model begins from
 
 def train_generative(run: Run) -> dict:
     """Return the trained parameters; goes on from the newest checkpoint."""
-    config, training = run.config.generative, run.config.training
-
-    def begin(optimiser) -> TrainState:
-        params = begin_generative(run)
-        return TrainState(params, optimiser.init(params), jax.random.key(training.seed + 1), jnp.int32(0))
-
-    def batch_at(step: int) -> GenerativeBatch:
-        return GenerativeBatch(*random_frames(run.data, config.batch, seed=training.seed, step=step))
-
-    state = optimise(
+    config, seed = run.config.generative, run.config.training.seed
+    return optimise(
         run,
         "generative",
-        begin,
-        lambda optimiser: make_generative_train_step(run.template, config, optimiser),
-        batch_at,
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=config.learning_rate,
-            weight_decay=config.weight_decay,
-            steps=config.steps,
-        ),
+        begin_generative(run),
+        partial(make_generative_train_step, run.template, config),
+        lambda step: GenerativeBatch(*random_frames(run.data, config.batch, seed=seed, step=step)),
         steps=config.steps,
-        validate=_validation(run),
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        seed=seed + 1,
         frames_per_step=config.batch,
+        validate=_validation(run),
     )
-    return state.params
 
 
 def begin_generative(run: Run) -> dict:
@@ -57,8 +45,9 @@ def begin_generative(run: Run) -> dict:
     """
     config = run.config.generative
     params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
-    if run.config.training.begin_from:
-        return begun_from(run.config.training.begin_from, "generative", params)
+    folder = run.config.training.begin_from
+    if folder:
+        return begun_from(folder, "generative", params)
     if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)
@@ -66,7 +55,7 @@ def begin_generative(run: Run) -> dict:
     return begin_linear(params, V, T_tilde, template=run.template, config=config)
 
 
-def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
+def _validation(run: Run) -> Callable[[dict], dict[str, float]] | None:
     """Return a function that reconstructs every fourth frame of the clips kept back: RMSE in cm."""
     if not run.data.validation:
         return None
@@ -79,7 +68,7 @@ def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
         E = posed(rebuilt, x, template=run.template) - V
         return 1e4 * jnp.square(E).sum(axis=-1).mean(axis=-1)  # [k] of each frame
 
-    def validate(state: TrainState) -> dict[str, float]:
+    def validate(params: dict) -> dict[str, float]:
         errors = {}
         for clip in run.data.validation:
             every = jax.tree.map(lambda leaf: np.asarray(leaf[::4]), (clip.V, clip.U, clip.input.x))
@@ -88,7 +77,7 @@ def _validation(run: Run) -> Callable[[TrainState], dict[str, float]] | None:
             size, square = min(16, count), np.zeros(count)
             for i in range(0, count, size):
                 window = slice(min(i, count - size), min(i, count - size) + size)
-                square[window] = error(state.params, *jax.tree.map(itemgetter(window), every))
+                square[window] = error(params, *jax.tree.map(itemgetter(window), every))
             errors[f"{clip.name}_rmse_cm"] = float(np.sqrt(square.mean()))
         return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}
 

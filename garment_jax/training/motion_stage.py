@@ -1,9 +1,9 @@
 """Stage 2: the dynamic motion encoder (paper 3.3), after a warm-up in the linearised latent space."""
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.data.batches import (
@@ -28,10 +28,8 @@ from garment_jax.motion.warm_up import (
 from garment_jax.rollout.clips import rollout_batch
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state
-from garment_jax.structs import TrainState
 from garment_jax.training.begin_from import begun_from
 from garment_jax.training.codes import true_codes
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise
 
 LINEAR_FRAMES = 1_200  # frames that the linearised garment is fitted to
@@ -47,8 +45,7 @@ def train_motion(run: Run, generative: dict) -> dict:
         config=config,
         generative=run.config.generative,
     )
-    if run.config.training.begin_from:
-        params = begun_from(run.config.training.begin_from, "motion", params)
+    params = begun_from(run.config.training.begin_from, "motion", params)
     if config.warm_up_steps and run.config.generative.linear_skip:
         params = _warm_up(run, params, generative, Z)
     if not config.steps:
@@ -89,27 +86,20 @@ def _warm_up(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> d
             start,
         )
 
-    def begin(optimiser) -> TrainState:
-        carry = empty_warm_up_carry(config.warm_up_lanes, linear, config)
-        return TrainState(params, optimiser.init(params), jax.random.key(seed + 3), jnp.int32(0), carry)
-
-    state = optimise(
+    return optimise(
         run,
         "warm_up",
-        begin,
-        lambda optimiser: make_warm_up_step(linear, run.template, config, optimiser),
+        params,
+        partial(make_warm_up_step, linear, run.template, config),
         batch_at,
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=config.warm_up_rate,
-            weight_decay=config.weight_decay,
-            steps=config.warm_up_steps,
-        ),
         steps=config.warm_up_steps,
-        validate=_validation(run, generative),
+        learning_rate=config.warm_up_rate,
+        weight_decay=config.weight_decay,
+        seed=seed + 3,
         frames_per_step=config.warm_up_lanes * config.window,
+        carry=empty_warm_up_carry(config.warm_up_lanes, linear, config),
+        validate=_validation(run, generative),
     )
-    return state.params
 
 
 def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> dict:
@@ -127,32 +117,23 @@ def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) ->
             lane_starts(run.data, lanes, run.skinned, n),
         )
 
-    def begin(optimiser) -> TrainState:
-        carry = empty_carry(config.lanes, n, config)
-        return TrainState(params, optimiser.init(params), jax.random.key(seed + 4), jnp.int32(0), carry)
-
-    state = optimise(
+    return optimise(
         run,
         "motion",
-        begin,
-        lambda optimiser: make_motion_train_step(
-            run.template, generative, config, run.config.generative, optimiser
-        ),
+        params,
+        partial(make_motion_train_step, run.template, generative, config, run.config.generative),
         batch_at,
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=config.learning_rate,
-            weight_decay=config.weight_decay,
-            steps=config.steps,
-        ),
         steps=config.steps,
-        validate=_validation(run, generative),
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        seed=seed + 4,
         frames_per_step=config.lanes * config.window,
+        carry=empty_carry(config.lanes, n, config),
+        validate=_validation(run, generative),
     )
-    return state.params
 
 
-def _validation(run: Run, generative: dict) -> Callable[[TrainState], dict[str, float]] | None:
+def _validation(run: Run, generative: dict) -> Callable[[dict], dict[str, float]] | None:
     """Return a function that rolls out the clips kept back from the skinned template: RMSE in cm."""
     clips = run.data.validation
     if not clips:
@@ -161,8 +142,8 @@ def _validation(run: Run, generative: dict) -> Callable[[TrainState], dict[str, 
     first = [(clip.input.R_seed[0], clip.input.t_seed[0]) for clip in clips]
     start = run.skinned(np.stack([R for R, _ in first]), np.stack([t for _, t in first]))
 
-    def validate(state: TrainState) -> dict[str, float]:
-        params = {"generative": generative, "motion": state.params}
+    def validate(motion: dict) -> dict[str, float]:
+        params = {"generative": generative, "motion": motion}
         V = rollout_batch(
             roll,
             params,

@@ -43,18 +43,14 @@ def make_schedule(training: TrainingConfig, *, learning_rate: float, steps: int)
     The rise takes round(warmup x steps) steps and does not begin at 0, so no step is wasted.
     """
     rise = round(training.warmup * steps)
-    fall = max(steps - rise, 1)
-
-    def schedule(count: Any) -> jax.Array:
-        count = jnp.asarray(count, jnp.float32)
-        rate = jnp.asarray(1.0, jnp.float32)
-        if training.schedule == "cosine":
-            part = jnp.clip((count - rise) / fall, 0.0, 1.0)
-            half = 0.5 * (1.0 + jnp.cos(jnp.pi * part))
-            rate = training.final_rate + (1.0 - training.final_rate) * half
-        return learning_rate * jnp.minimum((count + 1.0) / max(rise, 1), rate)
-
-    return schedule
+    if training.schedule == "cosine":
+        main = optax.cosine_decay_schedule(learning_rate, max(steps - rise, 1), alpha=training.final_rate)
+    else:
+        main = optax.constant_schedule(learning_rate)
+    if rise == 0:
+        return main
+    first = optax.linear_schedule(learning_rate / rise, learning_rate, max(rise - 1, 1))
+    return optax.join_schedules([first, main], [rise])
 
 
 def decay_weights_only(params: Any) -> Any:

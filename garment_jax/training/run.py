@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import optax
 
@@ -15,10 +16,13 @@ from garment_jax.data.prepared import DataSet, prepare, training_clips
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template, scene_template
+from garment_jax.structs import TrainState
+from garment_jax.training.average import with_average
 from garment_jax.training.begin_from import find_beginning
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
-from garment_jax.training.loop import run_stage
+from garment_jax.training.loop import StepFn, run_stage
+from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run_directory import FACTS_NAME, check_run, prepare_run
 
 
@@ -94,31 +98,52 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
 def optimise(
     run: Run,
     stage: str,
-    state_of: Callable[[Any], Any],
-    step_of: Callable[[Any], Any],
+    params: dict,
+    make_step: Callable[[optax.GradientTransformation], StepFn],
     batch_at: Callable[[int], Any],
     *,
-    optimiser: optax.GradientTransformation,
     steps: int,
-    validate: Callable[[Any], dict[str, float]] | None,
+    learning_rate: float,
+    weight_decay: float,
+    seed: int,
     frames_per_step: int,
-) -> Any:
-    """Run one stage: `state_of(optimiser)` to begin, `step_of(optimiser)` to go on; return its last state."""
+    carry: Any = (),
+    validate: Callable[[dict], Mapping[str, float]] | None = None,
+    players: Callable[[optax.GradientTransformation], optax.GradientTransformation] | None = None,
+) -> dict:
+    """Train one stage from `params` and return its parameters; goes on from the newest checkpoint.
+
+    make_step  optimiser -> (`TrainState`, batch) -> (state, metrics), which may donate the state
+    batch_at   as in `run_stage`
+    seed       of the state's key
+    carry      recurrent state that the first step begins with
+    validate   parameters -> figures, every `training.validate_every` steps
+    players    the optimiser of all parameters, out of that of one player
+
+    With `training.average` the parameters that are returned, validated and stored are a mean.
+    """
     training = run.config.training
-    return run_stage(
+    optimiser = make_optimiser(training, learning_rate=learning_rate, weight_decay=weight_decay, steps=steps)
+    optimiser = optimiser if players is None else players(optimiser)
+    state: Any = TrainState(params, optimiser.init(params), jax.random.key(seed), jnp.int32(0), carry)
+    step_fn = make_step(optimiser)
+    if training.average:
+        state, step_fn = with_average(state, step_fn, steps=steps, part=training.average)
+    last = run_stage(
         stage,
-        state_of(optimiser),
-        step_of(optimiser),
+        state,
+        step_fn,
         batch_at,
         steps=steps,
         checkpointer=checkpointer(run, stage),
         logger=run.log,
         checkpoint_seconds=training.checkpoint_seconds,
-        validate=validate,
+        validate=None if validate is None else lambda state: validate(state.params),
         validate_every=training.validate_every,
         log_every=training.log_every,
         frames_per_step=frames_per_step,
     )
+    return last.params
 
 
 def say(text: str) -> None:

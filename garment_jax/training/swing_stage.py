@@ -1,6 +1,7 @@
 """The swing's stage: a ring of columns trained on its own rollouts (not in the paper)."""
 
 from collections.abc import Callable
+from functools import partial
 from operator import itemgetter
 
 import jax
@@ -10,13 +11,11 @@ import numpy as np
 from garment_jax.data.lanes import LaneWindow, make_schedule
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.rollout.swing import make_swing_rollout, roll_clip
-from garment_jax.structs import TrainState
 from garment_jax.swing.motion import SwingFrame, swing_frames
 from garment_jax.swing.network import at_rest, cells_of, init_swing
 from garment_jax.swing.tables import SwingTables, make_swing_tables
 from garment_jax.swing.train_step import SwingBatch, make_swing_train_step
 from garment_jax.training.begin_from import begun_from, has_part, other_ring
-from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.run import Run, optimise, say
 
 CHUNK = 256  # frames of a clip whose cells are found, and that validation rolls out, at a time
@@ -53,31 +52,24 @@ def train_swing(run: Run) -> dict:
         lane_windows=config.lane_windows,
     )
 
-    def begin(optimiser) -> TrainState:
-        params = init_swing(jax.random.key(seed + 7), config=config)
-        folder = run.config.training.begin_from
-        if has_part(folder, "swing") and not other_ring(folder, run.config):
-            params = begun_from(folder, "swing", params)
-        carry = jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config))
-        return TrainState(params, optimiser.init(params), jax.random.key(seed + 8), jnp.int32(0), carry)
-
-    state = optimise(
+    params = init_swing(jax.random.key(seed + 7), config=config)
+    folder = run.config.training.begin_from
+    if has_part(folder, "swing") and not other_ring(folder, run.config):
+        params = begun_from(folder, "swing", params)
+    return optimise(
         run,
         "swing",
-        begin,
-        lambda optimiser: make_swing_train_step(tables, config, optimiser),
+        params,
+        partial(make_swing_train_step, tables, config),
         lambda step: make_batch(clips, schedule[step], tables, config.window),
-        optimiser=make_optimiser(
-            run.config.training,
-            learning_rate=config.learning_rate,
-            weight_decay=config.weight_decay,
-            steps=config.steps,
-        ),
         steps=config.steps,
-        validate=_validation(run, tables, cells),
+        learning_rate=config.learning_rate,
+        weight_decay=config.weight_decay,
+        seed=seed + 8,
         frames_per_step=config.lanes * config.window,
+        carry=jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config)),
+        validate=_validation(run, tables, cells),
     )
-    return state.params
 
 
 def make_batch(clips: list[_Clip], lanes: LaneWindow, tables: SwingTables, window: int) -> SwingBatch:
@@ -91,9 +83,7 @@ def make_batch(clips: list[_Clip], lanes: LaneWindow, tables: SwingTables, windo
     return SwingBatch(frame, X_star, lanes.fresh, X_start, lanes.fresh & (lanes.start > 0))
 
 
-def _validation(
-    run: Run, tables: SwingTables, cells: Callable
-) -> Callable[[TrainState], dict[str, float]] | None:
+def _validation(run: Run, tables: SwingTables, cells: Callable) -> Callable[[dict], dict[str, float]] | None:
     """Return a function that rolls out the clips kept back from the template: RMSE of cells in cm."""
     if not run.data.validation:
         return None
@@ -101,10 +91,10 @@ def _validation(
     begun = at_rest(tables, (), config=run.config.swing)
     clips = [(clip.name, _Clip(clip, run.data, tables, cells)) for clip in run.data.validation]
 
-    def validate(state: TrainState) -> dict[str, float]:
+    def validate(params: dict) -> dict[str, float]:
         errors = {}
         for name, clip in clips:
-            X = roll_clip(roll, state.params, begun, clip.frames, chunk=CHUNK)
+            X = roll_clip(roll, params, begun, clip.frames, chunk=CHUNK)
             square = (np.square(X - clip.X).sum(axis=-1) * tables.share).sum(axis=(-1, -2))
             errors[f"{name}_rmse_cm"] = float(100.0 * np.sqrt(square.mean()))
         return {"rmse_cm": float(np.mean(list(errors.values()))), **errors}

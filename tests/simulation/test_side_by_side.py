@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from garment_jax.data.sequence import open_sequence
-from garment_jax.simulation import clips as clips_module
+from garment_jax.simulation import many
 from garment_jax.simulation.clips import Job, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings
@@ -111,7 +111,7 @@ def test_clips_are_screened_and_written_as_those_of_a_cpu(tmp_path: Path, monkey
         held.append(clips)
         return SideBySide(scene, settings, flat, clips, "cpu")
 
-    monkeypatch.setattr(clips_module, "_side_by_side", on_this_cpu)
+    monkeypatch.setattr(many, "_side_by_side", on_this_cpu)
     lines: list[str] = []
     found = simulate_clips(
         scene,

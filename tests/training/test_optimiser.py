@@ -83,3 +83,16 @@ def test_schedule_rises_then_ends_at_the_final_rate(schedule: str, last: float) 
 
 def test_schedule_of_a_single_step_is_finite() -> None:
     assert float(make_schedule(TrainingConfig(), learning_rate=0.1, steps=1)(0)) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+@pytest.mark.parametrize(
+    ("steps", "warmup"), [(1, 0.02), (40, 0.02), (50, 0.02), (97, 0.1), (30, 0.0), (8, 1.0)]
+)
+def test_the_rate_of_every_step_is_that_of_the_formula(schedule: str, steps: int, warmup: float) -> None:
+    config = TrainingConfig(schedule=schedule, warmup=warmup, final_rate=0.03)  # type: ignore[arg-type]
+    rate, rise = make_schedule(config, learning_rate=0.2, steps=steps), round(warmup * steps)
+    for count in range(steps + 3):
+        part = min(max((count - rise) / max(steps - rise, 1), 0.0), 1.0)
+        fall = 0.03 + 0.97 * 0.5 * (1 + np.cos(np.pi * part)) if schedule == "cosine" else 1.0
+        np.testing.assert_allclose(float(rate(count)), 0.2 * min((count + 1) / max(rise, 1), fall), rtol=2e-6)

@@ -16,7 +16,7 @@ from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.scan import latent_rollout, make_rollout
 from garment_jax.rollout.step import init_state
-from garment_jax.structs import FrameInput, TrainState
+from garment_jax.structs import FrameInput
 from garment_jax.training import detail_stage, generative_stage, motion_stage
 from garment_jax.training.codes import true_codes
 from garment_jax.training.run import Run, open_run
@@ -90,26 +90,26 @@ def test_detail_can_learn_from_free_rollouts(run: Run):
 
 
 def test_validation_is_a_reconstruction_then_a_rollout_of_the_clip_kept_back(run: Run):
-    params, none = tiny_model().params, jnp.zeros(())
+    params = tiny_model().params
     rebuild = generative_stage._validation(run)
     roll = motion_stage._validation(run, params["generative"])
     assert rebuild is not None
     assert roll is not None
     for validate, part in ((rebuild, "generative"), (roll, "motion")):
-        errors = validate(TrainState(params[part], (), none, none))
+        errors = validate(params[part])
         assert set(errors) == {"rmse_cm", "short_rmse_cm"}
         assert 0 < errors["rmse_cm"] < 1000
 
 
 def test_in_canonical_pose_validation_is_in_the_root_frame(canonical: Run):
-    model, none = canonical_model(), jnp.zeros(())
+    model = canonical_model()
     params = {k: model.params[k] for k in ("generative", "motion")}
     clip, tables = canonical.data.validation[0], canonical.template
     roll = motion_stage._validation(canonical, params["generative"])
     rebuild = generative_stage._validation(canonical)
     assert roll is not None
     assert rebuild is not None
-    found = roll(TrainState(params["motion"], (), none, none))["short_rmse_cm"]
+    found = roll(params["motion"])["short_rmse_cm"]
     start = init_state(params, jnp.asarray(tables.T), template=tables, config=model.config)
     V = make_rollout(tables, canonical.config)(params, start, clip.input.x)[1]
     assert found == pytest.approx(100 * np.sqrt(np.square(V - clip.V).sum(axis=-1).mean()), rel=1e-4)
@@ -119,7 +119,7 @@ def test_in_canonical_pose_validation_is_in_the_root_frame(canonical: Run):
         options = {"template": tables, "config": canonical.config.generative}
         return posed(decode(params, encode(params, U, **options).mean, **options).V, x, template=tables)
 
-    found = rebuild(TrainState(params["generative"], (), none, none))["short_rmse_cm"]
+    found = rebuild(params["generative"])["short_rmse_cm"]
     V = rebuilt(params["generative"], clip.U[::4], jax.tree.map(lambda leaf: leaf[::4], clip.input.x))
     error = 100 * np.sqrt(np.square(V - clip.V[::4]).sum(axis=-1).mean())
     assert found == pytest.approx(error, rel=1e-3)
