@@ -197,7 +197,10 @@ class TrainingConfig:
     warmup: float = key(0.02, "part of the steps in which the rate rises from 0", "part")
     final_rate: float = key(0.01, "cosine: last rate as a part of the first", "part")
     average: float = key(
-        0.0, "last part of a stage's steps whose parameters are averaged; 0: the last step's", "part", later=True
+        0.0,
+        "last part of a stage's steps whose parameters are averaged; 0: the last step's",
+        "part",
+        later=True,
     )
     log_every: int = key(20, "steps between two lines of the log", "positive", shapes="use")
     checkpoint_seconds: float = key(60.0, "seconds between two checkpoints", shapes="use")
