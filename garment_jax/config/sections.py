@@ -157,6 +157,19 @@ class SwingConfig:
 
 
 @dataclass(frozen=True)
+class SimulationConfig:
+    """Clips that are simulated to learn from, in place of the recorded ones, and never written."""
+
+    clips: int = key(0, "motions that are drawn out of the recorded ones and simulated; 0: those themselves")
+    longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
+    cloth: tuple[str, ...] = key((), 'as `garment-jax simulate --cloth`, for example ["bend_bias=0.5"]')
+    pattern: str = key("", 'file of the flat pattern, as `simulate --pattern`; "": from the UVs')
+    device: str = key("cpu", "cuda: many clips side by side on a GPU")
+    at_once: int = key(128, "clips side by side there", "positive")
+    workers: int = key(1, "processes", "positive", shapes="use")
+
+
+@dataclass(frozen=True)
 class CollisionConfig:
     # at 1 mm knees show through between the vertices
     eps: float = key(4e-3, "metres; distance kept from the body", "positive")
@@ -228,6 +241,7 @@ class Config:
     motion: MotionConfig = section(MotionConfig, "stage 2, section 3.3")
     detail: DetailConfig = section(DetailConfig, "stage 3, section 3.4")
     swing: SwingConfig = section(SwingConfig, "stage 4, the column RNN (not in the paper)", later=True)
+    simulation: SimulationConfig = section(SimulationConfig, "frames straight from the simulator", later=True)
     collision: CollisionConfig = section(CollisionConfig, "section 3.5", shapes="use")
     # a baseline's folder keeps this section among its facts
     baselines: BaselinesConfig = section(BaselinesConfig, "the compared systems", shapes="use", later=True)

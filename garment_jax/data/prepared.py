@@ -8,7 +8,7 @@ import functools
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Set
 from collections.abc import Sequence as List
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from garment_jax.data.clip_digests import ClipDigests
 from garment_jax.data.content_hash import body_hash, scene_hash
 from garment_jax.data.motion_input import MotionInput, motion_input
 from garment_jax.data.sequence import Sequence, open_sequence
-from garment_jax.data.stored_arrays import StoredArray, stored_array, stored_arrays
+from garment_jax.data.stored_arrays import stored_array, stored_arrays
 from garment_jax.data.template import STD_FLOOR, Statistics, canonical_weights
 from garment_jax.data.validation import check_clip, check_input, check_same_attachment, check_same_garment
 from garment_jax.geometry.skinning import unskin_fixed_point, unskin_frames
@@ -115,7 +115,7 @@ def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = 
             continue
         train.append(clip)
         if mirror is not None:
-            train.append(_mirror_image(clip, scene, seeds, config))
+            train.append(mirror_image(clip, scene, seeds, config))
     statistics = _statistics(train, mirror is not None)
     return DataSet(scene, seeds, train, validation, statistics, mirror, digest.hexdigest()[:16], fps)
 
@@ -183,42 +183,68 @@ def _compute_arrays(
 
     Raises `OSError` where the disk has no room for them.
     """
-    garment, body = sequence.scene.garment, sequence.scene.body
-    T = (garment.template.astype(np.float64) - body.joints[0]).astype(np.float32)
-    shape = (sequence.frames, *T.shape)
+    shape = (sequence.frames, *sequence.scene.garment.template.shape)
     with stored_arrays(names, shape) as arrays:
-        _fill(arrays, sequence, inputs, seeds, W, config, T)
+        for part, start, values in _computed(
+            sequence.read, sequence.scene, inputs, seeds, W, config, set(arrays)
+        ):
+            arrays[part].write(start, values)
 
 
-def _fill(
-    arrays: Mapping[str, StoredArray],
-    sequence: Sequence,
+def prepared_in_memory(
+    name: str,
+    motion: Motion,
+    V: np.ndarray,
+    scene: Scene,
+    seeds: Seeds,
+    W: np.ndarray | None,
+    config: Config,
+    *,
+    unposed: bool,
+) -> PreparedClip:
+    """Return a clip whose cloth `V` `[t, n, 3]`, float32 world metres, is in no file; else as `prepare` does.
+
+    `W`: weights of the canonical pose, where its targets are wanted; `unposed`: whether T_tilde is.
+    """
+    inputs = motion_input(motion, scene, seeds, config.body.motion_joints)
+    parts = {"V"} | ({"T_tilde"} if unposed else set()) | (set() if W is None else {"U"})
+    arrays = {part: np.empty_like(V) for part in parts}
+    for part, start, values in _computed(lambda a, b: V[a:b], scene, inputs, seeds, W, config, parts):
+        arrays[part][start : start + len(values)] = values
+    U = arrays.get("U", arrays["V"])
+    return PreparedClip(name, arrays["V"], U, arrays.get("T_tilde"), inputs, False, motion)
+
+
+def _computed(
+    read: Callable[[int, int], np.ndarray],
+    scene: Scene,
     inputs: MotionInput,
     seeds: Seeds,
     W: np.ndarray | None,
     config: Config,
-    T: np.ndarray,
-) -> None:
-    """Compute the arrays of a clip, a window at a time."""
-    for start in range(0, sequence.frames, CHUNK):
+    parts: Set[str],
+) -> Iterator[tuple[str, int, np.ndarray]]:
+    """Yield `parts` ("V", "T_tilde", "U") of a clip, a window at a time, with the window's first frame."""
+    T = (scene.garment.template.astype(np.float64) - scene.body.joints[0]).astype(np.float32)
+    frames = len(inputs.root)
+    for start in range(0, frames, CHUNK):
         # the last window is moved back so that every call has the same shape: one compilation
-        start = max(min(start, sequence.frames - CHUNK), 0)
-        window = slice(start, min(start + CHUNK, sequence.frames))
-        world = sequence.read(window.start, window.stop).astype(np.float64)
+        start = max(min(start, frames - CHUNK), 0)
+        window = slice(start, min(start + CHUNK, frames))
+        world = read(window.start, window.stop).astype(np.float64)
         V = to_root(world, inputs.root[window], inputs.yaw[window]).astype(np.float32)
-        if "V" in arrays:
-            arrays["V"].write(start, V)
-        if "T_tilde" in arrays:
+        if "V" in parts:
+            yield "V", start, V
+        if "T_tilde" in parts:
             T_tilde = _unpose(
                 *map(jnp.asarray, (V, inputs.R_seed[window], inputs.t_seed[window], T, seeds.points)),
                 tau=config.body.tau,
                 iterations=config.body.skin_iterations,
             )
-            arrays["T_tilde"].write(start, np.asarray(T_tilde))
-        if "U" in arrays:
+            yield "T_tilde", start, np.asarray(T_tilde)
+        if "U" in parts:
             assert W is not None
-            U = unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window])
-            arrays["U"].write(start, np.asarray(U))
+            yield "U", start, np.asarray(unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window]))
 
 
 @functools.partial(jax.jit, static_argnames=("tau", "iterations"))
@@ -240,7 +266,8 @@ def _unpose(
     return jax.vmap(frame)(V, R_seed, t_seed)
 
 
-def _mirror_image(clip: PreparedClip, scene: Scene, seeds: Seeds, config: Config) -> PreparedClip:
+def mirror_image(clip: PreparedClip, scene: Scene, seeds: Seeds, config: Config) -> PreparedClip:
+    """Return the mirror image of a clip; its arrays are the clip's, see `frames_of`."""
     motion = mirror_motion(clip.motion, scene.body)
     inputs = motion_input(motion, scene, seeds, config.body.motion_joints)
     return clip._replace(name=f"{clip.name} mirrored", input=inputs, mirrored=True, motion=motion)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as List
 from contextlib import contextmanager
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.intake.motions import SUFFIXES, read_motion
 from garment_jax.simulation.clips import ENGINE, Job
 from garment_jax.simulation.rest_shape import rest_shape
-from garment_jax.simulation.settings import ClothSettings
+from garment_jax.simulation.settings import ClothSettings, parse_cloth
 from garment_jax.structs import Collider, Garment, RiggedBody
 
 EMBEDDED_CLIP = 112  # frames of an embedded clip, about
@@ -41,31 +40,11 @@ _LEAST = {
     "kicks": 0,
     "longest": 30,
 }
-_SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
 
 def cloth_settings(pairs: Iterable[str]) -> ClothSettings:
     """Return the settings with `KEY=VALUE` pairs put in; `ValueError` for an unknown key or a wrong value."""
-    known = {field.name: field for field in fields(ClothSettings)}
-    values = {}
-    for pair in pairs:
-        key, _, text = pair.partition("=")
-        if key not in known:
-            raise ValueError(f"--cloth {pair!r}: there is no setting {key!r}; choose of {', '.join(known)}.")
-        values[key] = _parse(pair, text, type(known[key].default))
-    return ClothSettings(**values)
-
-
-def _parse(pair: str, text: str, kind: type) -> float | bool:
-    if kind is bool:
-        if text not in _SWITCH:
-            raise ValueError(f"--cloth {pair!r} is a switch; write on or off.")
-        return _SWITCH[text]
-    try:
-        return kind(text)
-    except ValueError as error:
-        number = "a whole number" if kind is int else "a number"
-        raise ValueError(f"--cloth {pair!r} needs {number}, such as {pair.partition('=')[0]}=10.") from error
+    return parse_cloth(pairs, "--cloth")
 
 
 def read_pattern(path: Path) -> np.ndarray:

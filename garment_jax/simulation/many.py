@@ -98,7 +98,7 @@ def _side_by_side(
         return SideBySide(scene, settings, flat, at_once, device)
     except RuntimeError as error:
         raise ValueError(
-            f"{at_once} clips at once do not fit on {device} ({error}); give a smaller --at-once."
+            f"{at_once} clips at once do not fit on {device} ({error}); simulate fewer at once."
         ) from error
 
 

@@ -63,8 +63,7 @@ def screen_clip(scene: Scene, motion: Motion, V: np.ndarray, *, every: int = 10)
     strain = edge_strain(V[which], edges, rest_lengths(garment.template, edges))
     inside = _penetration(scene, motion, V, which)
     height = _hem_height(scene, motion, V)
-    quarter = max(int(SETTLED * len(height)), 1)
-    rise = float(np.median(height[-quarter:]) - np.median(height[:quarter]))
+    rise = _rise(height)
     crossings = [self_intersections(V[t].astype(np.float64), garment.faces, edges) for t in which]
     return Screen(
         len(V),
@@ -76,6 +75,27 @@ def screen_clip(scene: Scene, motion: Motion, V: np.ndarray, *, every: int = 10)
         float(height.max()),
         rise,
         float(np.mean(crossings)),
+    )
+
+
+def shape_faults(
+    scene: Scene, motion: Motion, V: np.ndarray, limits: ScreenLimits = ScreenLimits(), *, every: int = 10
+) -> list[str]:
+    """Return in words what strain and the hem's height say against a clip; no penetration, no crossings.
+
+    These take most of a screening's time, and what learns a garment's broad shape is not misled by them.
+    """
+    if not np.isfinite(V).all():
+        return ["not finite"]
+    edges = unique_edges(scene.garment.faces)
+    strain = edge_strain(V[::every], edges, rest_lengths(scene.garment.template, edges))
+    none = Screen(len(V), *[0.0] * 8)
+    return faults(
+        none._replace(
+            strain_p99_percent=float(np.percentile(strain, 99, axis=1).max()),
+            hem_rise_cm=_rise(_hem_height(scene, motion, V)),
+        ),
+        limits,
     )
 
 
@@ -109,6 +129,12 @@ def _penetration(scene: Scene, motion: Motion, V: np.ndarray, which: np.ndarray)
         for t, p in zip(which, points, strict=True)
     ]
     return np.array([[row.inside_percent, row.deepest_mm] for row in rows])
+
+
+def _rise(height: np.ndarray) -> float:
+    """Return how much higher the last quarter of heights `[t]` is than the first, medians."""
+    quarter = max(int(SETTLED * len(height)), 1)
+    return float(np.median(height[-quarter:]) - np.median(height[:quarter]))
 
 
 def _hem_height(scene: Scene, motion: Motion, V: np.ndarray) -> np.ndarray:

@@ -1,10 +1,13 @@
 """What the cloth is made of and how finely it is simulated."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 _MAY_BE_ZERO = {"shear", "bend", "bend_bias", "gravity", "friction", "contact_damping", "air_density", "drag"}
 _MAY_BE_ZERO |= {"settle", "blend", "hold"}
+
+_SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
 
 @dataclass(frozen=True)
@@ -69,3 +72,30 @@ def _switch(value: float) -> bool:
 
 def _short(value: float) -> str:
     return ("on" if value else "off") if _switch(value) else f"{value:g}"
+
+
+def parse_cloth(pairs: Iterable[str], option: str) -> ClothSettings:
+    """Return the settings with `KEY=VALUE` pairs put in, which `option` gave.
+
+    Raises `ValueError` for an unknown key or a wrong value.
+    """
+    known = {field.name: field for field in fields(ClothSettings)}
+    values = {}
+    for pair in pairs:
+        key, _, text = pair.partition("=")
+        if key not in known:
+            raise ValueError(f"{option} {pair!r}: there is no setting {key!r}; choose of {', '.join(known)}.")
+        values[key] = _parse(f"{option} {pair!r}", pair, text, type(known[key].default))
+    return ClothSettings(**values)
+
+
+def _parse(given: str, pair: str, text: str, kind: type) -> float | bool:
+    if kind is bool:
+        if text not in _SWITCH:
+            raise ValueError(f"{given} is a switch; write on or off.")
+        return _SWITCH[text]
+    try:
+        return kind(text)
+    except ValueError as error:
+        number = "a whole number" if kind is int else "a number"
+        raise ValueError(f"{given} needs {number}, such as {pair.partition('=')[0]}=10.") from error

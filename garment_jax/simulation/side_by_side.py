@@ -65,13 +65,12 @@ class SideBySide:
     def __init__(
         self, scene: Scene, settings: ClothSettings, flat: np.ndarray | None, clips: int, device: str
     ) -> None:
-        if settings.self_collision:
-            raise ValueError("self_collision=on is simulated on a CPU alone; leave --device out.")
+        check_settings(settings)
         surface = _surface(scene)
         self._scene, self._faces = scene._replace(collider=surface), surface.faces
         self._closed = int(is_closed(surface.faces))
         self._settings, self.clips = settings, clips
-        self._device, self._n = _device(device), len(scene.garment.template)
+        self._device, self._n = find_device(device), len(scene.garment.template)
         with wp.ScopedDevice("cpu"):
             solver = make_solver(scene.garment, settings, flat)  # Newton's own tables of one clip
         pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices.astype(np.int32)
@@ -340,11 +339,18 @@ class SideBySide:
         self._launch(kernels.advance, n, self._x, self._dx)
 
 
-def _device(name: str) -> Any:
+def check_settings(settings: ClothSettings) -> None:
+    """Raise `ValueError` for settings that are simulated on a CPU alone."""
+    if settings.self_collision:
+        raise ValueError("self_collision=on is simulated on a CPU alone; take the device cpu.")
+
+
+def find_device(name: str) -> Any:
+    """Return warp's device called `name`; raises `ValueError` for one that is not there."""
     there = {device.alias: device for device in wp.get_devices()}  # get_device("cuda") complains on stderr
     found = there.get({"cuda": "cuda:0"}.get(name, name))
     if found is None:
-        raise ValueError(f"--device {name} is not there; simulate here on {' or '.join(there)}.")
+        raise ValueError(f"the device {name} is not there; simulate here on {' or '.join(there)}.")
     return found
 
 

@@ -31,7 +31,8 @@ def train(
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
-    from garment_jax.training.run import open_run, say
+    from garment_jax.training.run import is_complete, open_run, say
+    from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
     from garment_jax.training.swing_stage import train_swing
 
     if stage not in ("all", *STAGES):
@@ -43,14 +44,15 @@ def train(
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
 
-    def check(data: DataSet) -> None:
-        if stage != "generative":  # which sees single frames; the others would refuse after hours
-            lengths = [len(clip.V) for clip in data.train]
-            for name in (
-                ("motion", "swing") if stage == "all" else ("swing" if stage == "swing" else "motion",)
-            ):
-                if getattr(config, name).steps:
-                    check_window(lengths, getattr(config, name).window, name)
+    steps = _steps_by_stage(config, stage)
+    windows = {name: getattr(config, name).window for name in ("motion", "swing") if name in steps}
+
+    def check(data: DataSet) -> None:  # what would be refused after hours
+        if config.simulation.clips:
+            check_simulation(config.simulation, data.fps, windows)
+        else:
+            for name, window in windows.items():
+                check_window([len(clip.V) for clip in data.train], window, name)
         if stage == "swing":
             make_swing_tables(data.scene, config=config.swing)
 
@@ -61,9 +63,24 @@ def train(
             data_dir=data_dir,
             tensorboard=tensorboard,
             check=check,
-            unposed=stage in ("all", "generative"),
+            unposed="generative" in steps and not config.simulation.clips,
         )
         with run.log:
+            if config.simulation.clips:
+                left = [name for name, count in steps.items() if not is_complete(run, name, count)]
+                if not left:
+                    say(f"{', '.join(steps)}: complete, nothing to do")
+                    return run.folder
+                run = run._replace(
+                    data=with_simulated_clips(
+                        run.data,
+                        config,
+                        posed=stage != "swing",
+                        unposed="generative" in left,
+                        windows=windows,
+                        say=say,
+                    )
+                )
             if stage != "swing":  # which needs none of the others
                 generative = train_generative(run)
                 if last >= 1:
@@ -89,6 +106,15 @@ def _check_steps(config: Config, stage: str) -> None:
                 f"{name}.steps = 0 leaves the {name} stage untrained, which a model needs; give it a number, "
                 "or a model to begin from (training.begin_from)."
             )
+
+
+def _steps_by_stage(config: Config, stage: str) -> dict[str, int]:
+    """Return the steps of what `stage` trains, by the name of its checkpoints; none of no steps."""
+    warm_up = config.motion.warm_up_steps if config.generative.linear_skip else 0
+    steps = {name: getattr(config, name).steps for name in STAGES}
+    steps = {"generative": steps.pop("generative"), "warm_up": warm_up, **steps}
+    of = {"all": steps, "motion": ("warm_up", "motion")}.get(stage, (stage,))
+    return {name: count for name, count in steps.items() if name in of and count}
 
 
 def _check_predecessors(config: Config, run_dir: Path, stages: tuple[str, ...]) -> None:
@@ -130,7 +156,8 @@ def trained_model(path: str | Path) -> Model:
     if set(found) == {"swing"} and beginning:
         codes = begun_model(beginning, path)
         found = codes.params | found
-        mine = {k: metadata["config"][k] for k in ("swing", "rollout", "collision", "training")}
+        own = ("swing", "simulation", "rollout", "collision", "training")
+        mine = {k: metadata["config"][k] for k in own if k in metadata["config"]}
         metadata["config"] = to_dict(codes.config) | mine  # its [data] too: mirrored clips pose the codes
     for stage in ("generative", "motion"):
         if beginning and stage not in found and not _steps_of(stage, metadata["config"]):

@@ -95,6 +95,12 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
     return Checkpointer(run.folder, stage, metadata=metadata)
 
 
+def is_complete(run: Run, stage: str, steps: int) -> bool:
+    """Return whether a stage has all of its steps behind it."""
+    done = checkpointer(run, stage).latest()
+    return done is not None and done >= steps
+
+
 def optimise(
     run: Run,
     stage: str,

@@ -97,7 +97,7 @@ def test_what_it_cannot_do_is_refused():
     scene = make_scene(8, 24)
     with pytest.raises(ValueError, match="self_collision=on is simulated on a CPU alone"):
         SideBySide(scene, ClothSettings(self_collision=True), None, 2, "cpu")
-    with pytest.raises(ValueError, match="--device cuda:9 is not there; simulate here on cpu"):
+    with pytest.raises(ValueError, match="the device cuda:9 is not there; simulate here on cpu"):
         SideBySide(scene, SETTINGS, None, 2, "cuda:9")
 
 
