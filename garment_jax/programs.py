@@ -14,6 +14,7 @@ import shutil
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -25,6 +26,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax import monitoring
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from garment_jax.machine import processor, processor_flags
 from garment_jax.storage.scratch import scratch
@@ -66,6 +68,7 @@ class ProgramStore:
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = usable(folder)
+        self._hits = None if self._folder is None else _CacheHits()
         # two: one traces under Python's lock while XLA compiles the other
         self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="compile")
 
@@ -81,16 +84,15 @@ class ProgramStore:
         return Program(self._pool.submit(lambda: self._built(*make(earlier.result_shapes()))))
 
     def _built(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> tuple[Any, Any]:
-        path = None
-        if self._folder is not None:
-            path = self._folder / f"{name}-{_key(arguments, facts)}.program"
-            known = _read(path)
-            if known is not None:
-                return known
-        lowered, handed_out = jitted.lower(*arguments), _handed_out()
-        compiled = lowered.compile()
-        shapes = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), compiled.out_info)
-        if path is not None and _handed_out() == handed_out:
+        if self._folder is None or self._hits is None:
+            return _compiled(jitted.lower(*arguments))
+        path = self._folder / f"{name}-{_key(arguments, facts)}.program"
+        known = _read(path)
+        if known is not None:
+            return known
+        lowered, before = jitted.lower(*arguments), self._hits.count()
+        compiled, shapes = _compiled(lowered)
+        if self._hits.count() == before:
             _write(path, compiled, shapes)
         return compiled, shapes
 
@@ -161,24 +163,33 @@ def shapes_of(tree: Any) -> Any:
     return jax.tree.map(lambda a: jax.ShapeDtypeStruct(np.shape(a), np.asarray(a).dtype), tree)
 
 
-_cache_hits = threading.local()
+def _compiled(lowered: Any) -> tuple[Any, Any]:
+    """Return the program and the shapes of what it returns."""
+    compiled = lowered.compile()
+    return compiled, jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), compiled.out_info)
 
 
-def _note_hit(event: str, **_: Any) -> None:
-    if event == "/jax/compilation_cache/cache_hits":
-        _cache_hits.count = _handed_out() + 1
-
-
-monitoring.register_event_listener(_note_hit)
-
-
-def _handed_out() -> int:
-    """Return how many programs XLA's own cache has handed out to this thread.
+class _CacheHits:
+    """How many programs XLA's own cache has handed out to each thread, while this object lives.
 
     Kept as a program, such a one lacks its functions ("NOT_FOUND: Function … not found" when it runs): two
     models of the same sizes share XLA's entry under two names here.
     """
-    return getattr(_cache_hits, "count", 0)
+
+    def __init__(self) -> None:
+        here = threading.local()
+
+        def listen(event: str, **_: Any) -> None:
+            if event == "/jax/compilation_cache/cache_hits":
+                here.count = getattr(here, "count", 0) + 1
+
+        self._here = here
+        monitoring.register_event_listener(listen)
+        weakref.finalize(self, monitoring.unregister_event_listener, listen).atexit = False
+
+    def count(self) -> int:
+        """Return the number of this thread."""
+        return getattr(self._here, "count", 0)
 
 
 def _key(arguments: tuple, facts: Mapping[str, Any]) -> str:
@@ -205,8 +216,6 @@ def surroundings() -> str:
 
 
 def _read(path: Path) -> tuple[Any, Any] | None:
-    from jax.experimental.serialize_executable import deserialize_and_load
-
     try:
         payload, in_tree, out_tree, shapes = pickle.loads(path.read_bytes())
         os.utime(path)  # the most recently used stay
@@ -218,8 +227,6 @@ def _read(path: Path) -> tuple[Any, Any] | None:
 
 
 def _write(path: Path, compiled: Any, shapes: Any) -> None:
-    from jax.experimental.serialize_executable import serialize
-
     with suppress(Exception):  # a full disk, or a program that cannot be kept: the next start compiles again
         with replaced(path) as (made,):
             made.write_bytes(pickle.dumps((*serialize(compiled), shapes)))

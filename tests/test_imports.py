@@ -1,7 +1,7 @@
 """The rooms and who may import whom: down the list only; networks live in the three stages."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -61,6 +61,36 @@ def imports(path: Path) -> Iterator[str]:
             yield from (f"{stem}.{alias.name}" for alias in node.names)
 
 
+def circles(edges: Mapping[str, set[str]]) -> list[str]:
+    """One path back to its start, "a > b > a", of a graph of imports; empty where it has none."""
+    done: set[str] = set()
+
+    def search(name: str, above: tuple[str, ...]) -> list[str]:
+        if name in above:
+            return [*above[above.index(name) :], name]
+        if name not in done:
+            for other in sorted(edges[name]):
+                if found := search(other, (*above, name)):
+                    return found
+            done.add(name)
+        return []
+
+    for name in sorted(edges):
+        if found := search(name, ()):
+            return found
+    return []
+
+
+def modules_imported(path: Path, known: Mapping[str, Path]) -> set[str]:
+    """Modules of `known` that a module imports: of `a.b.c.name` the longest that is one."""
+    found = set()
+    for name in imports(path):
+        while name and name not in known:
+            name = name.rpartition(".")[0]
+        found |= {name} if name and known[name] != path else set()
+    return found
+
+
 def wrong_rooms(room: str, names: list[str]) -> list[str]:
     """Those of `names` that a module of `room` may not import."""
     if room == "":  # __init__ and __main__ hold no knowledge of their own, only doors
@@ -84,6 +114,17 @@ def test_every_room_is_in_the_list() -> None:
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_imports_go_down_the_list(path: Path) -> None:
     assert wrong_rooms(room_of(path), list(imports(path))) == []
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    parts = {path: path.relative_to(PACKAGE.parent).with_suffix("").parts for path in MODULES}
+    known = {".".join(p[:-1] if p[-1] == "__init__" else p): path for path, p in parts.items()}
+    assert circles({name: modules_imported(path, known) for name, path in known.items()}) == []
+
+
+def test_circles_are_found() -> None:
+    assert circles({"a": {"b", "c"}, "b": {"d"}, "c": {"a"}, "d": set()}) == ["a", "c", "a"]
+    assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

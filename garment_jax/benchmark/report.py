@@ -34,7 +34,7 @@ VTO_COMMAND = "garment-jax benchmark configs/benchmark_vto.toml --data DIR"
 
 def write_report(plan: Plan, told: dict[str, Any]) -> list[Path]:
     """Write the four files, plots and pictures; return the four paths."""
-    from garment_jax.benchmark.pictures import all_pictures
+    from garment_jax.benchmark.pictures import all_pictures  # matplotlib: where something is drawn
     from garment_jax.benchmark.plots import all_plots
 
     records = gather(plan)

@@ -14,6 +14,8 @@ from typing import Any
 from garment_jax.benchmark.files import read_json
 from garment_jax.benchmark.keeping import keep, take_over
 from garment_jax.benchmark.plan import SIMULATE, TIME, TRAIN, Job, Plan
+from garment_jax.benchmark.report import write_report
+from garment_jax.benchmark.settings import load_benchmark
 from garment_jax.benchmark.worker import make_plan, told_job
 from garment_jax.storage.lock import locked
 
@@ -65,16 +67,12 @@ def benchmark(
                     keep(plan, Path(kept))
         if kept is not None:
             keep(plan, Path(kept))
-        from garment_jax.benchmark.report import write_report
-
         for written in write_report(plan, told):
             show(str(written))
     return len(failed)
 
 
 def _told(path: Any, data: Any, out: Any, *, quick: bool, only: Sequence[str]) -> dict[str, Any]:
-    from garment_jax.benchmark.settings import load_benchmark
-
     loaded = load_benchmark(path)
     folder = Path(out or loaded.settings.out)
     return {

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from garment_jax.benchmark import paper
+from garment_jax.benchmark.plan import is_reconstruction
 from garment_jax.benchmark.records import (
     Records,
     RowRecord,
@@ -270,8 +271,6 @@ def _dash_ratio(a: Spread | None, b: Spread | None, ours: RowRecord | None, othe
 
 
 def _rebuilds(record: RowRecord) -> bool:
-    from garment_jax.benchmark.plan import is_reconstruction
-
     return is_reconstruction(record.row)
 
 

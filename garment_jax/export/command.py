@@ -5,7 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from garment_jax.data.sequence import open_sequence
+from garment_jax.export.abc import export_abc
 from garment_jax.export.clip import ExportClip, Progress
+from garment_jax.export.mdd import export_mdd
+from garment_jax.export.npz import export_npz
+from garment_jax.export.obj import export_obj
+from garment_jax.export.pc2 import export_pc2
 
 SUFFIXES = {
     "usd": (".usd", ".usda", ".usdc", ".usdz"),
@@ -91,17 +96,13 @@ def choose_format(out: Path, format: str | None) -> str:
 
 
 def _export(clip: ExportClip, out: Path, chosen: str, blender: str | Path | None) -> list[Path]:
-    from garment_jax.export.abc import export_abc
-    from garment_jax.export.mdd import export_mdd
-    from garment_jax.export.npz import export_npz
-    from garment_jax.export.obj import export_obj
-    from garment_jax.export.pc2 import export_pc2
-    from garment_jax.export.usd import export_usd
-
     if chosen == "abc":
         return export_abc(clip, out, blender=blender)
+    if chosen == "usd":
+        from garment_jax.export.usd import export_usd  # half a second of scipy
+
+        return export_usd(clip, out)
     exporters = {
-        "usd": export_usd,
         "pc2": export_pc2,
         "mdd": export_mdd,
         "obj": export_obj,
@@ -111,7 +112,7 @@ def _export(clip: ExportClip, out: Path, chosen: str, blender: str | Path | None
 
 
 def _export_glb(clip: ExportClip, out: Path, every: int, began: float) -> Report:
-    from garment_jax.export.glb import write_glb
+    from garment_jax.export.glb import write_glb  # loads JAX: a second that the others do without
 
     if clip.first_frame:
         raise ValueError(f"--frame-offset {clip.first_frame}: a GLB's time begins at 0; leave it out.")

@@ -16,7 +16,8 @@ import numpy as np
 
 from garment_jax.body.rates import rate_of_frame_time, stated_rate
 from garment_jax.formats.blender import run_blender
-from garment_jax.formats.mesh_cache import Frames, MeshCache, choose_mesh, fan_corners
+from garment_jax.formats.mesh_cache import Frames, MeshCache, choose_mesh
+from garment_jax.formats.polygon_fans import fan_corners
 
 _SCRIPT = Path(__file__).with_name("blender_alembic.py")
 _SAMPLING = struct.Struct("<IdI")  # most samples, seconds a cycle, number of times in a cycle

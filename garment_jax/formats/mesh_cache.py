@@ -1,4 +1,4 @@
-"""Animated meshes of other programs: one structure for all formats, and `read_cache`, which picks the reader.
+"""Animated meshes of other programs: one structure for all formats.
 
 Values are the file's own: its unit, its axes, its vertex order. Nothing is converted here.
 """
@@ -8,11 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from garment_jax.formats.damage import reads_foreign
-
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-SUFFIXES = (".pc2", ".mdd", ".abc", *USD_SUFFIXES)
 
 
 class MeshCache(NamedTuple):
@@ -27,20 +22,6 @@ class MeshCache(NamedTuple):
     up: str | None  # "Y" or "Z", None where the format does not say
     frames_a_sample: float = 1.0  # of a scene whose rate the file does not say; `vertices` are its samples
     notes: tuple[str, ...] = ()  # what of the file was left out, a phrase each
-
-
-def files_named_in(path: Path) -> tuple[Path, ...]:
-    """Return the files that a file names as parts of itself: a glTF's buffers, a USD stage's layers."""
-    suffix = path.suffix.lower()
-    if suffix == ".gltf":
-        from garment_jax.formats.gltf_container import buffer_files
-
-        return buffer_files(path)
-    if suffix in USD_SUFFIXES:
-        from garment_jax.formats.usd import layer_files
-
-        return layer_files(path)
-    return ()
 
 
 def check_length(size: int, head: int, frames: int, points: int, path: Path, kind: str) -> tuple[str, ...]:
@@ -91,51 +72,6 @@ class Frames:
         if not -len(self) <= frames < len(self):
             raise IndexError(f"frame {frames} of {len(self)}")
         return self._read(frames % len(self), frames % len(self) + 1)[0]
-
-
-@reads_foreign
-def read_cache(
-    path: str | Path, *, mesh: str | None = None, option: str = "--mesh", blender: str | None = None
-) -> MeshCache:
-    """Open an animated mesh: `.pc2`, `.mdd`, `.usd(a|c|z)`, `.abc`, or a folder of `.obj` or `.ply` files.
-
-    `mesh` names one of several meshes (USD: a prim's path or name, Alembic: an object's name), `option` is
-    how the command calls it; `blender`
-    as in `formats.blender.find_blender`, which only Alembic needs. Raises `FileNotFoundError`, `OSError`
-    (damaged) or `ValueError` (what does not fit), each in one sentence.
-    """
-    from garment_jax.formats import alembic, mdd, obj_sequence, pc2, usd
-
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if not path.exists():
-        raise FileNotFoundError(f"{path} is not there; name a file ({' '.join(SUFFIXES)}) or a folder.")
-    if path.is_dir():
-        return obj_sequence.read_folder(path)
-    if suffix == ".pc2":
-        return pc2.read_pc2(path)
-    if suffix == ".mdd":
-        return mdd.read_mdd(path)
-    if suffix in USD_SUFFIXES:
-        return usd.read_usd(path, mesh=mesh, option=option)
-    if suffix == ".abc":
-        return alembic.read_alembic(path, mesh=mesh, option=option, blender=blender)
-    raise ValueError(
-        f"{path}: {suffix or 'a file without an ending'} is no animated mesh that can be read; give "
-        f"{', '.join(SUFFIXES)} or a folder of OBJ or PLY files, one a frame."
-    )
-
-
-def fan_corners(counts: np.ndarray) -> np.ndarray:
-    """Return the corners `[f, 3]` int64 of the triangle fans of polygons with `counts` `[p]` corners.
-
-    Indices into the polygons' corners, one polygon after the other. Those with fewer than 3 give none.
-    """
-    counts = np.asarray(counts, np.int64)
-    triangles = np.maximum(counts - 2, 0)
-    first = np.repeat(np.cumsum(counts) - counts, triangles)
-    k = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)
-    return np.stack([first, first + k + 1, first + k + 2], axis=1)
 
 
 def choose_mesh(names: list[str], wanted: str | None, where: str, option: str = "--mesh") -> str:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.formats.mesh_cache import fan_corners
 from garment_jax.formats.obj_statements import index_of, number_of, read_statements, shown
 from garment_jax.formats.ply import Mesh
+from garment_jax.formats.polygon_fans import fan_corners
 
 HEAD = "# garment_jax\n"  # how a file begins that is written here
 _LARGEST = float(np.finfo(np.float32).max)

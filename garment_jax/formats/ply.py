@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.formats.limits import LONGEST_NUMBER, check_size
-from garment_jax.formats.mesh_cache import fan_corners
 from garment_jax.formats.number_arrays import is_index
 from garment_jax.formats.obj_statements import number_of
+from garment_jax.formats.polygon_fans import fan_corners
 
 LARGEST = 96 * 2**20  # bytes; a mesh of 100,000 vertices has a few MB
 _LONGEST_HEADER = 2**16  # bytes

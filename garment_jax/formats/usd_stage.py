@@ -15,7 +15,8 @@ import numpy as np
 
 from garment_jax.body.rates import rate_of_frame_time, stated_rate
 from garment_jax.formats.limits import check_growth
-from garment_jax.formats.mesh_cache import choose_mesh, fan_corners
+from garment_jax.formats.mesh_cache import choose_mesh
+from garment_jax.formats.polygon_fans import fan_corners
 from garment_jax.formats.usd_library import load_pxr
 
 _MOST_FRAMES = 1_000_000  # nine hours at 30 frames a second; a file with more is damaged

@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 
 from garment_jax.body.joint_names import side_pairs
 from garment_jax.data.npz import load_body
+from garment_jax.data.sequence import open_sequence
 from garment_jax.data.validation import LARGEST, SMALLEST
 from garment_jax.formats.damage import reads_foreign
 from garment_jax.formats.gltf import read_body
@@ -107,8 +108,6 @@ def _smpl(path: Path, betas: np.ndarray | None) -> tuple[RiggedBody, tuple[str, 
 def _rigged(path: Path, suffix: str) -> RiggedBody:
     if suffix == ".npz":
         return load_body(path)
-    from garment_jax.data.sequence import open_sequence
-
     with open_sequence(path) as sequence:
         return sequence.scene.body
 

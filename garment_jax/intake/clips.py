@@ -17,8 +17,8 @@ from garment_jax.data.content_hash import body_hash, stored_attribute, stored_ha
 from garment_jax.data.hdf5 import can_open
 from garment_jax.data.sequence import open_sequence
 from garment_jax.data.sequence_writer import SequenceWriter
+from garment_jax.formats.any_mesh_cache import files_named_in
 from garment_jax.formats.damage import reading
-from garment_jax.formats.mesh_cache import files_named_in
 from garment_jax.intake.import_checks import WINDOW, check_clip, choose_encoding
 from garment_jax.intake.sources import ForeignClip, Source
 from garment_jax.storage.lock import lock_name, locked

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.body.rates import check_lengths, clip_rate
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.own_files import (
     MESHES,

@@ -15,9 +15,17 @@ from scipy.spatial.transform import Rotation
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.retarget import retarget, source_rate
 from garment_jax.body.skeleton_track import SkeletonTrack
+from garment_jax.data.sequence import open_sequence
+from garment_jax.formats.aist import is_aist, read_aist
+from garment_jax.formats.amass import is_amass, read_amass
 from garment_jax.formats.damage import reads_foreign
+from garment_jax.formats.gltf import read_animation
+from garment_jax.formats.npz import npz_names
+from garment_jax.formats.pickles import load_pickle
 from garment_jax.formats.rotation_vectors import SmplMotion
 from garment_jax.formats.smpl import standard_joints, standard_parents
+from garment_jax.formats.virtual_bones import is_virtual_bones, read_virtual_bones
+from garment_jax.formats.vto import is_vto, read_vto
 from garment_jax.intake.units import metres_per_unit, settle_unit
 from garment_jax.structs import Motion, RiggedBody
 
@@ -164,8 +172,6 @@ def _gltf(
     source_fps: float | None,
     choice: tuple[str | None, str | None, str | None],
 ) -> tuple[SkeletonTrack, float]:
-    from garment_jax.formats.gltf import read_animation
-
     name, mesh, skeleton = choice
     moved = read_animation(
         path,
@@ -195,8 +201,6 @@ def _track(
 
 
 def _sequence(path: Path) -> tuple[SkeletonTrack, float]:
-    from garment_jax.data.sequence import open_sequence
-
     with open_sequence(path) as clip:
         motion, body = clip.motion, clip.scene.body
     return _track(body.joint_names, body.parents, body.joints, motion.rotations, motion.root), motion.fps
@@ -212,10 +216,6 @@ def read_smpl_motion(path: Path, content: Any = None) -> tuple[SmplMotion, float
 
 def _smpl_archive(path: Path) -> tuple[SmplMotion, float]:
     """Return the motion of an `.npz` file, and the size of the garment in it, if it has one."""
-    from garment_jax.formats.amass import is_amass, read_amass
-    from garment_jax.formats.npz import npz_names
-    from garment_jax.formats.virtual_bones import is_virtual_bones, read_virtual_bones
-
     if is_amass(path):
         return read_amass(path), 0.0
     if is_virtual_bones(path):
@@ -229,10 +229,6 @@ def _smpl_archive(path: Path) -> tuple[SmplMotion, float]:
 
 
 def _smpl_pickle(path: Path, content: Any = None) -> SmplMotion:
-    from garment_jax.formats.aist import is_aist, read_aist
-    from garment_jax.formats.pickles import load_pickle
-    from garment_jax.formats.vto import is_vto, read_vto
-
     content = load_pickle(path) if content is None else content
     if is_aist(content):
         return read_aist(path, content)

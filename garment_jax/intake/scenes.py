@@ -9,6 +9,7 @@ from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.npz import load_collider
 from garment_jax.data.obj import read_group
 from garment_jax.data.scene_files import load_pins, nearest_weights
+from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.boundary import boundary_loops
 from garment_jax.structs import Collider, Garment, Pins, RiggedBody, Scene
 
@@ -71,8 +72,6 @@ def _scene_of(path: Path, body: RiggedBody) -> Scene | None:
     """Return the scene of the sequence file that `body` is from, None for a file of another kind or body."""
     if path.suffix.lower() != ".h5":
         return None
-    from garment_jax.data.sequence import open_sequence
-
     with open_sequence(path) as sequence:
         return sequence.scene if len(sequence.scene.body.vertices) == len(body.vertices) else None
 

@@ -8,7 +8,8 @@ import numpy as np
 from garment_jax.body.fitted_rig import JOINTS, FittedRig, rig_from_vertices
 from garment_jax.body.rates import body_rate
 from garment_jax.data.validation import check_size
-from garment_jax.formats.mesh_cache import MeshCache, read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
+from garment_jax.formats.mesh_cache import MeshCache
 from garment_jax.formats.obj import read_obj
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.intake.units import Unit, metres_per_unit, settle_unit, to_metres_y_up

@@ -59,7 +59,7 @@ def stability(
         if out is not None:  # after every group: a stopped report is worth something
             _write(Path(out) / "stability.json", _facts(subject, run, cases, curves))
     if out is not None:
-        from garment_jax.stability.plots import save_plots  # matplotlib only where something is drawn
+        from garment_jax.stability.plots import save_plots  # matplotlib: where something is drawn
 
         for path in save_plots(Path(out), curves):
             show(str(path))

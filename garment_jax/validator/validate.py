@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.data.layout import BODY, check_fields, check_parents
 from garment_jax.data.npz import load_body
 from garment_jax.data.obj import read_garment
+from garment_jax.formats.any_mesh_cache import SUFFIXES as CACHES
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.damage import reading
 from garment_jax.formats.gltf import holds_motion_alone, read_animation
-from garment_jax.formats.mesh_cache import SUFFIXES as CACHES
-from garment_jax.formats.mesh_cache import read_cache
 from garment_jax.formats.npz import npz_names, read_npz
 from garment_jax.formats.pickles import load_pickle
 from garment_jax.intake.bodies import read_any_body
@@ -194,8 +195,6 @@ def _check_npz(path: Path, options: Options) -> tuple[str, list[Finding]]:
 
 def lenient_body(arrays: dict[str, np.ndarray], path: Path) -> RiggedBody:
     """Return the body with its weights as they are, everything else checked by `load_body`'s rules."""
-    from garment_jax.data.layout import BODY, check_fields, check_parents
-
     fields = tuple(f._replace(name=n, sums_to_1=False) for f, n in zip(BODY, RiggedBody._fields, strict=True))
     check_fields(fields, arrays, str(path))
     check_parents(arrays["parents"], str(path), "parents")

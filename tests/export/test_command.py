@@ -10,7 +10,7 @@ import trimesh
 from garment_jax.cli import main
 from garment_jax.data.sequence import open_sequence
 from garment_jax.export.command import export_file
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.obj import read_obj
 from garment_jax.formats.pc2 import read_pc2_header
 from garment_jax.storage.lock import lock_name, locked

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.formats.alembic import read_timing
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 
 IDENTITY = struct.pack("<IdId", 1, 1.0, 1, 0.0)
 HEAD = b"Ogawa\xff\0\1"

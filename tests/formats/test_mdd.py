@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.mdd import read_mdd_header, write_mdd
-from garment_jax.formats.mesh_cache import read_cache
 
 FRAMES = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float32)
 

@@ -1,20 +1,9 @@
-"""Which reader a path gets, which mesh a name means, fans of polygons."""
-
-from pathlib import Path
+"""Which mesh a name means, frames that are read when they are sliced."""
 
 import numpy as np
 import pytest
 
-from garment_jax.formats.mesh_cache import Frames, choose_mesh, fan_corners, read_cache
-
-
-def test_fans_are_those_of_a_loop():
-    counts, expected, first = [3, 5, 2, 4, 0], [], 0
-    for count in counts:
-        expected += [[first, first + k, first + k + 1] for k in range(1, count - 1)]
-        first += count
-    assert fan_corners(np.array(counts)).tolist() == expected
-    assert fan_corners(np.zeros(0, np.int32)).shape == (0, 3)
+from garment_jax.formats.mesh_cache import Frames, choose_mesh
 
 
 def test_which_mesh_is_meant():
@@ -45,11 +34,3 @@ def test_frames_are_read_by_windows_alone():
     assert len(list(iter(frames))) == 10
     with pytest.raises(IndexError):
         frames[10]
-
-
-def test_paths_that_are_no_animated_mesh(tmp_path: Path):
-    with pytest.raises(FileNotFoundError, match="is not there"):
-        read_cache(tmp_path / "a.pc2")
-    (tmp_path / "a.fbx").touch()
-    with pytest.raises(ValueError, match=r"\.fbx is no animated mesh"):
-        read_cache(tmp_path / "a.fbx")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.obj import obj_faces, write_obj
 from garment_jax.formats.obj_sequence import frame_files
 from tests.reference.scene import make_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from garment_jax.data.obj import read_garment, read_group
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.obj import read_obj
 from garment_jax.formats.obj_statements import read_statements
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 from garment_jax.formats.pc2 import MAGIC, read_pc2_header, write_pc2
 from garment_jax.validator.validate import validate_file
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from garment_jax.formats.mesh_cache import read_cache
+from garment_jax.formats.any_mesh_cache import read_cache
 
 pxr = pytest.importorskip("pxr", reason="needs the extra usd")
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt  # noqa: E402

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from garment_jax.formats import usd
-from garment_jax.formats.mesh_cache import files_named_in, read_cache
+from garment_jax.formats.any_mesh_cache import files_named_in, read_cache
 from tests.formats.test_usd import SQUARE, make_stage
 
 pxr = pytest.importorskip("pxr", reason="needs the extra usd")
