@@ -25,6 +25,7 @@ from garment_jax.cli import (
     simulate,
     stability,
     validate,
+    variants,
     view,
 )
 from garment_jax.cli.leaving import INTERRUPTED, leave
@@ -45,6 +46,7 @@ COMMANDS = (
     stability,
     benchmark,
     save,
+    variants,
     export,
     view,
 )

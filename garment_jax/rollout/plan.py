@@ -2,7 +2,7 @@
 
 Not in the paper. Two kinds of omissions: those that change nothing (a part that is not trained, a collider
 that the cloth cannot reach, parameters that no stage reads), and those that the user allows, whose error
-`benchmarks/variants.py` has measured (`stored.py`). Parts that are off are neither imported, read nor
+`garment-jax variants` has measured (`stored.py`). Parts that are off are neither imported, read nor
 compiled.
 """
 

@@ -1,6 +1,6 @@
 """Cheaper variants of a trained model, and what each is known to cost (lossy omissions).
 
-Not in the paper. `benchmarks/variants.py` measures them on clips that the model has not seen and writes
+Not in the paper. `garment-jax variants` measures them on clips that the model has not seen and writes
 `variants.json` into the model's folder; the times that a budget is compared with are measured anew on the
 machine at hand (`calibration.py`).
 """
@@ -74,7 +74,7 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
     path = Path(folder) / FILE
     if not path.is_file():
         raise FileNotFoundError(
-            f"{path} is missing, so no variant's error is known; run benchmarks/variants.py {folder} first."
+            f"{path} is missing, so no variant's error is known; run garment-jax variants {folder} first."
         )
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
@@ -84,17 +84,15 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         ]
         detail_mm = _number("detail_mm", table["detail_mm"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(
-            f"{path} is damaged ({error}); run benchmarks/variants.py {folder} again."
-        ) from error
+        raise ValueError(f"{path} is damaged ({error}); run garment-jax variants {folder} again.") from error
     if older:
         raise ValueError(
             f"{path} was measured before models had a swing ({older[0]!r}); "
-            f"run benchmarks/variants.py {folder} again."
+            f"run garment-jax variants {folder} again."
         )
     if not any(row.variant == VARIANTS["whole"]._replace(swing=row.variant.swing) for row in rows):
         raise ValueError(
-            f"{path} has no error and time of the whole model yet; run benchmarks/variants.py {folder} with "
+            f"{path} has no error and time of the whole model yet; run garment-jax variants {folder} with "
             "--errors, then with --times."
         )
     return rows, detail_mm

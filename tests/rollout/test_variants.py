@@ -114,7 +114,7 @@ def test_budgets_that_nothing_fits_are_refused():
 
 
 def test_stored_variants_are_read_or_refused(tmp_path: Path):
-    with pytest.raises(FileNotFoundError, match=r"variants.json is missing.*run benchmarks/variants.py"):
+    with pytest.raises(FileNotFoundError, match=r"variants.json is missing.*run garment-jax variants"):
         stored_variants(tmp_path)
     row = {"name": "whole", "settings": Variant()._asdict(), "error_cm": 1.0, "ms": 2.0}
     (tmp_path / FILE).write_text(json.dumps({"variants": [row], "detail_mm": 0.3}))
@@ -123,14 +123,16 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
     (tmp_path / FILE).write_text(json.dumps({"variants": [row, begun], "detail_mm": 0.3}))
     assert [found.name for found in stored_variants(tmp_path)[0]] == ["whole"]
     (tmp_path / FILE).write_text(json.dumps({"variants": [begun], "detail_mm": 0.3}))
-    with pytest.raises(ValueError, match="has no error and time of the whole model yet; run benchmarks"):
+    with pytest.raises(
+        ValueError, match="has no error and time of the whole model yet; run garment-jax variants"
+    ):
         stored_variants(tmp_path)
     old = {**row, "settings": {"detail": True, "dynamics": True}}
     (tmp_path / FILE).write_text(json.dumps({"variants": [old], "detail_mm": 0.3}))
-    with pytest.raises(ValueError, match=r"before models had a swing \('whole'\); run benchmarks"):
+    with pytest.raises(ValueError, match=r"before models had a swing \('whole'\); run garment-jax variants"):
         stored_variants(tmp_path)
     (tmp_path / FILE).write_text('{"variants": [{}]}')
-    with pytest.raises(ValueError, match=r"variants.json is damaged .*run benchmarks/variants.py"):
+    with pytest.raises(ValueError, match=r"variants.json is damaged .*run garment-jax variants"):
         stored_variants(tmp_path)
 
 
