@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from garment_jax.cli.pairs import LeftOut, pair_files
+from garment_jax.progress import FrameProgress
 
 
 def add(commands) -> None:
@@ -27,7 +28,6 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.command import evaluate_files
     from garment_jax.evaluation.table import format_table
-    from garment_jax.progress import FrameProgress
     from garment_jax.storage.whole import written_whole
 
     pairs = pair_files(options.pred, options.truth)

@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from garment_jax.progress import FrameProgress
+
 FORMATS = ("usd", "glb", "pc2", "mdd", "obj", "npz", "abc", "onnx")  # as export.command
 
 
@@ -31,7 +33,6 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.export.command import choose_format, export_file
-    from garment_jax.progress import FrameProgress
 
     given = _given(options)
     if choose_format(options.out, options.format) == "onnx":

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from garment_jax.cli.pairs import LeftOut, pair_files
+from garment_jax.progress import FrameProgress
 
 
 def add(commands) -> None:
@@ -25,7 +26,6 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.render import render_files
-    from garment_jax.progress import FrameProgress
 
     if len(options.paths) > 2:
         raise ValueError(
