@@ -5,15 +5,15 @@ range is refused with its name, its value and what would do.
 """
 
 import dataclasses
-import difflib
-import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_origin, get_type_hints
 
 from garment_jax.config import Config, from_dict, load_config, to_dict
+from garment_jax.config.reading import refuse_unknown
+from garment_jax.config.values import checked
 
 OURS = "ours"
 SEARCH, SEEDS = "search", "seeds"  # words of `order` that stand for no group
@@ -197,11 +197,8 @@ def _check_rows(settings: Benchmark, base: Config, source: str) -> None:
 def check_methods(settings: Benchmark, known: Mapping[str, Any], source: str) -> None:
     """Raise `ValueError` for a row or a search whose method is neither ours nor in `known`."""
     names = [OURS, *known]
-    for method in [*(row.method for row in settings.rows), *settings.search.methods]:
-        if method not in names:
-            near = difflib.get_close_matches(method, names, n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise ValueError(f"{source}: unknown method {method!r}; known are {', '.join(names)}.{hint}")
+    methods = [*(row.method for row in settings.rows), *settings.search.methods]
+    refuse_unknown(methods, names, kind="method", source=source)
 
 
 def _refuse_known_elsewhere(table: Mapping[str, Any], source: str) -> None:
@@ -214,37 +211,20 @@ def _section(kind: type, table: Any, source: str) -> Any:
     if not isinstance(table, Mapping):
         raise ValueError(f"{source} = {table!r} is a section; write keys under it.")
     hints = get_type_hints(kind)
-    for name in table:
-        if name not in hints:
-            near = difflib.get_close_matches(name, hints, n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise ValueError(f"{source}: unknown key {name!r}; known are {', '.join(hints)}.{hint}")
+    refuse_unknown(table, hints, kind="key", source=source)
     missing = [f.name for f in dataclasses.fields(kind) if _required(f) and f.name not in table]
     if missing:
         raise ValueError(f"{source}: {missing[0]} is missing in {dict(table)!r}; write it.")
-    return kind(**{key: _typed(f"{source}: {key}", hints[key], value) for key, value in table.items()})
+    return kind(**{key: _typed(key, hints[key], value, source) for key, value in table.items()})
 
 
 def _required(item: dataclasses.Field) -> bool:
     return item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING
 
 
-def _typed(name: str, hint: Any, value: Any) -> Any:
-    if get_origin(hint) is tuple:
-        if not isinstance(value, list | tuple):
-            raise ValueError(f"{name} = {value!r} must be a list; write [{value!r}].")
-        return tuple(_typed(name, get_args(hint)[0], item) for item in value)
+def _typed(name: str, hint: Any, value: Any, source: str) -> Any:
     if get_origin(hint) is dict:
         if not isinstance(value, Mapping):
-            raise ValueError(f"{name} = {value!r} must be a table of sections.")
+            raise ValueError(f"{source}: {name} = {value!r} must be a table of sections.")
         return dict(value)
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint):
-            raise ValueError(f"{name} = {value!r} is not one of {', '.join(map(repr, get_args(hint)))}.")
-        return value
-    if hint is float and type(value) is int:
-        value = float(value)
-    if type(value) is not hint or (hint is float and not math.isfinite(value)):
-        kind = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a string"}[hint]
-        raise ValueError(f"{name} = {value!r} must be {kind}.")
-    return value
+    return checked(name, hint, value, source, "not negative")

@@ -4,7 +4,7 @@ import dataclasses
 import difflib
 import json
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -33,7 +33,7 @@ def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") ->
     """Build a checked Config from nested dicts as TOML or JSON give them (inverse of `to_dict`)."""
     sections = get_type_hints(Config)
     table = _without_dynamics(table, source)
-    _refuse_unknown(table, sections, kind="section", source=source)
+    refuse_unknown(table, sections, kind="section", source=source)
     built = {}
     for name, entries in table.items():
         if not isinstance(entries, Mapping):
@@ -41,7 +41,7 @@ def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") ->
                 f"{source}: {name} = {entries!r} is a section; write [{name}] with keys under it."
             )
         kind = sections[name]
-        _refuse_unknown(entries, get_type_hints(kind), kind=f"key in [{name}]", source=source)
+        refuse_unknown(entries, get_type_hints(kind), kind=f"key in [{name}]", source=source)
         values = {key: _checked(kind, name, key, value, source) for key, value in entries.items()}
         built[name] = kind(**values)
     return _fitting(Config(**built), source)
@@ -58,9 +58,9 @@ def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
             raise ValueError(f"{source}: {option!r} is not an override; write --SECTION.KEY VALUE.")
         if not equals and not words:
             raise ValueError(f"{source}: {option} has no value; write {option} VALUE.")
-        _refuse_unknown([section], sections, kind="section", source=source)
+        refuse_unknown([section], sections, kind="section", source=source)
         hints = get_type_hints(sections[section])
-        _refuse_unknown([key], hints, kind=f"key in [{section}]", source=source)
+        refuse_unknown([key], hints, kind=f"key in [{section}]", source=source)
         text = text if equals else words.pop(0)
         value = _checked(sections[section], section, key, parse(hints[key], text), source)
         config = dataclasses.replace(
@@ -129,7 +129,9 @@ def _spell_none(entries: dict[str, Any]) -> dict[str, Any]:
     return {key: "none" if value is None else value for key, value in entries.items()}
 
 
-def _refuse_unknown(names: Any, known: Mapping[str, Any], *, kind: str, source: str) -> None:
+def refuse_unknown(names: Iterable[str], known: Iterable[str], *, kind: str, source: str) -> None:
+    """Raise ValueError for the first of `names` that is not known, with the known ones and the nearest."""
+    known = list(known)
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)

@@ -4,8 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-_MAY_BE_ZERO = {"shear", "bend", "bend_bias", "gravity", "friction", "contact_damping", "air_density", "drag"}
-_MAY_BE_ZERO |= {"settle", "blend", "hold"}
+from garment_jax.config.key import key, metadata
 
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
@@ -19,34 +18,36 @@ class ClothSettings:
     without self-collision. Raises `ValueError` for a number that cannot be simulated.
     """
 
-    fps: float = 30.0  # frames per second of the motion and of the result
-    substeps: int = 10  # solver steps per frame; the engine takes 0.2 % of the speed at each of them
-    iterations: int = 10  # non-linear iterations per substep
-    linear_iterations: int = 20  # conjugate-gradient iterations per non-linear one
-    stretch: float = 1e3  # N/m, along both axes of the pattern
-    shear: float = 1e2  # N/m
-    bend: float = 3e-4  # N m
-    bend_bias: float = 1.0  # of folds at 45 degrees to the threads, in parts of `bend`
-    density: float = 0.2  # kg/m2
-    gravity: float = 9.81  # m/s2, downwards
-    contact_stiffness: float = 1e3  # N/m per vertex
-    contact_damping: float = 1e-5  # N s/m per vertex
-    friction: float = 0.3  # Coulomb's coefficient, cloth on body
-    particle_radius: float = 5e-3  # m, distance that vertices keep from the body
-    contact_gap: float = 20e-3  # m beyond the radius within which contacts are looked for
-    self_collision: bool = False  # nearly doubles the time
-    self_collision_radius: float = 2.5e-3  # m; 2 mm for 9,000 vertices, 3 mm for 2,000
-    air: bool = True  # drag across each face's normal
-    air_density: float = 1.2  # kg/m3
-    drag: float = 1.2  # drag coefficient of a face across its normal
-    settle: int = 45  # frames in the canonical pose, once per garment and body
-    blend: int = 36  # frames from there to the clip's first pose
-    hold: int = 12  # frames in the first pose, before the clip's first frame
-    turn_in: bool = False  # the blend turns the body from +Z, too, and begins at the canonical height
+    fps: float = key(30.0, "frames per second of the motion and of the result", "positive")
+    substeps: int = key(
+        10, "solver steps per frame; the engine takes 0.2 % of the speed at each of them", "positive"
+    )
+    iterations: int = key(10, "non-linear iterations per substep", "positive")
+    linear_iterations: int = key(20, "conjugate-gradient iterations per non-linear one", "positive")
+    stretch: float = key(1e3, "N/m, along both axes of the pattern", "positive")
+    shear: float = key(1e2, "N/m")
+    bend: float = key(3e-4, "N m")
+    bend_bias: float = key(1.0, "of folds at 45 degrees to the threads, in parts of `bend`")
+    density: float = key(0.2, "kg/m2", "positive")
+    gravity: float = key(9.81, "m/s2, downwards")
+    contact_stiffness: float = key(1e3, "N/m per vertex", "positive")
+    contact_damping: float = key(1e-5, "N s/m per vertex")
+    friction: float = key(0.3, "Coulomb's coefficient, cloth on body")
+    particle_radius: float = key(5e-3, "m, distance that vertices keep from the body", "positive")
+    contact_gap: float = key(20e-3, "m beyond the radius within which contacts are looked for", "positive")
+    self_collision: bool = key(False, "nearly doubles the time")
+    self_collision_radius: float = key(2.5e-3, "m; 2 mm for 9,000 vertices, 3 mm for 2,000", "positive")
+    air: bool = key(True, "drag across each face's normal")
+    air_density: float = key(1.2, "kg/m3")
+    drag: float = key(1.2, "drag coefficient of a face across its normal")
+    settle: int = key(45, "frames in the canonical pose, once per garment and body")
+    blend: int = key(36, "frames from there to the clip's first pose")
+    hold: int = key(12, "frames in the first pose, before the clip's first frame")
+    turn_in: bool = key(False, "the blend turns the body from +Z, too, and begins at the canonical height")
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, free = getattr(self, field.name), field.name in _MAY_BE_ZERO
+            value, free = getattr(self, field.name), metadata(field).check == "not negative"
             if not (math.isfinite(value) and (value >= 0 if free else value > 0)) and not _switch(value):
                 bound = "be 0 or more" if free else "be more than 0"
                 raise ValueError(f"{field.name}={value} must {bound}; the default is {field.default}.")
