@@ -10,8 +10,10 @@ import numpy as np
 
 from garment_jax.config import Config, GenerativeConfig, to_dict
 from garment_jax.data.content_hash import garment_hash
+from garment_jax.data.prepared import DataSet
 from garment_jax.rollout.model import Model, load_model, save_model
-from garment_jax.training.run import Run, open_run
+from garment_jax.training.run import Run, open_run, say
+from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
 
 MODEL = "model"  # folder inside a run's; appears when the fit has ended
 
@@ -30,6 +32,7 @@ def own_config(config: Config) -> Config:
         uv=config.uv,
         motion=motion,
         baselines=config.baselines,
+        simulation=config.simulation,
         training=dataclasses.replace(config.training, begin_from=""),  # which is a model of ours
         rollout=config.rollout,
     )
@@ -55,8 +58,26 @@ def open_baseline(
     if generative is not None:
         config = dataclasses.replace(config, generative=generative)
     own = {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)}
-    run = open_run(config, folder, data_dir=data_dir, more_facts={"method": name, "baselines": own})
+    simulated, windows = config.simulation.clips > 0, {"motion": config.motion.window}
+
+    def check(data: DataSet) -> None:
+        if simulated:
+            check_simulation(config.simulation, data.fps, windows)
+
+    run = open_run(
+        config,
+        folder,
+        data_dir=data_dir,
+        more_facts={"method": name, "baselines": own},
+        check=check,
+        unposed=not simulated,
+    )
     with run.log:
+        if simulated:  # the same as ours, of the same seed
+            data = with_simulated_clips(
+                run.data, config, posed=True, unposed=generative is not None, windows=windows, say=say
+            )
+            run = run._replace(data=data)
         yield run
 
 
