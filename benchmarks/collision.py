@@ -17,6 +17,7 @@ a program and its operations takes.
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,22 +30,16 @@ from measured import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision import CollisionOptions, Outcome, make_collider_tables, make_collision_tables
-from garment_jax.collision.sequence import (
-    Carry,
-    FrameFigures,
-    Resolver,
-    first_carry,
-    join_figures,
-    make_resolver,
-)
-from garment_jax.collision.sides import make_side_tables
+from garment_jax.collision import CollisionOptions, Outcome, make_collision_tables
 from garment_jax.collision.solid import everything
 from garment_jax.config import CollisionConfig
 from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.laplacian import uniform_table
-from garment_jax.geometry.strain_limit import make_strain_tables
 from garment_jax.geometry.surface_tables import make_surface_tables
+from garment_jax.postprocess.figures import FrameFigures, join_figures
+from garment_jax.postprocess.pipeline import BodyFrame, ContactState, contact_init, contact_step
+from garment_jax.postprocess.tables import ContactTables, make_contact_tables
+from garment_jax.rollout.chunks import Step, scan_frames, solver_options
 from garment_jax.structs import Scene
 
 STRETCH = 64  # frames a call
@@ -52,14 +47,11 @@ PASSES = 5  # over a clip: each call's best counts
 
 
 class Clip(NamedTuple):
-    """What is resolved, frame by frame, and the settings of `make_resolver`; metres, root frames.
+    """What is resolved, frame by frame; metres, root frames."""
 
-    `frames`: garment `[t, n, 3]`, pins `[t, p, 3]`, collider `[t, c, 3]`, bones `[t, q, 2, 3]`.
-    """
-
-    frames: tuple[np.ndarray, ...]
-    tables: tuple
-    settings: dict
+    V: np.ndarray  # [t, n, 3]
+    body: BodyFrame  # [t, ...]
+    tables: ContactTables
 
 
 def whole(scene: Scene) -> Scene:
@@ -105,32 +97,35 @@ def read(path: Path, options: argparse.Namespace) -> Clip:
         garment = garment._replace(template=T, faces=faces)  # UVs stay behind: nothing here reads them
     limbs = None if options.solver_alone else limbs_of(scene.body, scene.collider)
     posed = pose_carried(carried_points(scene, collider=True, limbs=limbs), scene, motion, slice(0, count))
-    table = uniform_table(garment.faces, len(garment.template))
-    surface = make_collider_tables(scene.collider, scene.body)
     pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
-    settings = {
-        "pins": pins,
-        "options": CollisionOptions(eps=CollisionConfig.eps),
-        "sides": limbs and make_side_tables(garment.template, garment.faces, limbs, table),
-        "strain": None if options.solver_alone else make_strain_tables(garment, pins),
-    }
-    bones = posed.bones if settings["sides"] is not None else posed.bones[:, :0]
-    frames = tuple(x.astype(np.float32) for x in (V, posed.pins, posed.collider, bones))
-    return Clip(frames, make_collision_tables(garment.template, table, surface), settings)
+    tables = make_contact_tables(
+        garment,
+        uniform_table(garment.faces, len(garment.template)),
+        scene.collider,
+        scene.body,
+        pins,
+        limbs=limbs,
+        options=CollisionOptions(eps=CollisionConfig.eps),
+    )
+    tables = tables._replace(strain=None) if options.solver_alone else tables
+    V, *body = (x.astype(np.float32) for x in (V, *posed))
+    return Clip(V, BodyFrame(*body), tables)
 
 
-def calls_of(clip: Clip, size: int) -> list[tuple[jax.Array, ...]]:
+def calls_of(clip: Clip, size: int) -> list[tuple[jax.Array, BodyFrame]]:
     """Return the frames of each call of `size`, on the device; what is left at the end is left out."""
-    starts = range(0, len(clip.frames[0]) - size + 1, size)
-    return [tuple(jnp.asarray(x[start : start + size]) for x in clip.frames) for start in starts]
+    starts = range(0, len(clip.V) - size + 1, size)
+    return [
+        jax.tree.map(lambda x: jnp.asarray(x[start : start + size]), (clip.V, clip.body))  # noqa: B023
+        for start in starts
+    ]
 
 
-def begun(clip: Clip) -> tuple[Resolver, Carry]:
+def begun(clip: Clip) -> tuple[Step, ContactState]:
     """Return the compiled function, and what goes before the first frame."""
-    V, _, collider, bones = clip.frames
-    start = [jnp.asarray(x[0]) for x in (V, collider, bones)]
-    fresh = first_carry(*start[:2], clip.tables, None if clip.settings["sides"] is None else start[2])
-    return make_resolver(clip.tables, **clip.settings), fresh
+    first = jax.tree.map(lambda x: jnp.asarray(x[0]), (clip.V, clip.body))
+    run = scan_frames(partial(contact_step, tables=clip.tables), solver_options(clip.V.shape[1]))
+    return run, contact_init(*first, tables=clip.tables)
 
 
 def resolved(clip: Clip, size: int) -> tuple[np.ndarray, FrameFigures, float]:
@@ -159,11 +154,17 @@ def spheres(count: int) -> Clip:
     surface = make_surface_tables(inner.vertices.astype(np.float32), np.asarray(inner.faces, np.int32))
     V = T + 2e-3 * np.sin(np.arange(count))[:, None, None]
     still = np.broadcast_to(inner.vertices, (count, *inner.vertices.shape))
-    frames = V, np.zeros((count, 0, 3)), still, np.zeros((count, 0, 2, 3))
-    tables = make_collision_tables(T, uniform_table(faces, len(T)), surface)
-    options = CollisionOptions(eps=CollisionConfig.eps)
-    settings = {"pins": np.zeros(0, np.int32), "options": options, "sides": None}
-    return Clip(tuple(x.astype(np.float32) for x in frames), tables, settings)
+    body = BodyFrame(*(np.zeros((count, 0, 3)), still, np.zeros((count, 0, 2, 3))))
+    tables = ContactTables(
+        pins=np.zeros(0, np.int32),
+        free=np.ones(len(T), bool),
+        collision=make_collision_tables(T, uniform_table(faces, len(T)), surface),
+        options=CollisionOptions(eps=CollisionConfig.eps),
+        crossings=None,
+        strain=None,
+    )
+    V, body = jax.tree.map(lambda x: x.astype(np.float32), (V, body))
+    return Clip(V, body, tables)
 
 
 def measure(name: str, clip: Clip) -> dict:

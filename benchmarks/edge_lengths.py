@@ -9,8 +9,10 @@ Chunks of 32 frames; the best of three runs is timed. The options are the step's
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from measured import report
@@ -19,9 +21,10 @@ from garment_jax.body.root_frame import heading, to_root
 from garment_jax.data.lanes import repeated_last
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.cloth import edge_strain, laplacian_power, make_spectrum, rest_lengths
+from garment_jax.geometry.elastic import ElasticTables
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.rollout import edge_lengths
+from garment_jax.postprocess import edge_lengths
 
 CHUNK = 32
 EVERY = 3  # frames between two that are judged
@@ -34,15 +37,28 @@ def rooted(clip: Sequence) -> np.ndarray:
     return to_root(V.astype(np.float64), motion.root.astype(np.float64), yaw).astype(np.float32)
 
 
-def restored(begin, V: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the frames restored, and milliseconds a frame."""
+def restored(run: Callable, V: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the frames restored by `run` (state, chunk) -> (state, chunk), and milliseconds a frame."""
     pieces = [jnp.asarray(repeated_last(V[k : k + CHUNK], CHUNK)) for k in range(0, len(V), CHUNK)]
     times = []
     for _ in range(3):
-        run, began = begin(), time.perf_counter()
-        out = [run(piece).block_until_ready() for piece in pieces]
+        state, began, out = edge_lengths.init_lengths(V.shape[1]), time.perf_counter(), []
+        for piece in pieces:
+            state, V_chunk = jax.block_until_ready(run(state, piece))
+            out.append(V_chunk)
         times.append(time.perf_counter() - began)
     return np.concatenate(out)[: len(V)], 1e3 * min(times) / len(V)
+
+
+def restorer(tables: ElasticTables | None, free: np.ndarray) -> Callable:
+    """Return the compiled function of a chunk."""
+    assert tables is not None
+
+    def frame(state: edge_lengths.LengthState, V: jax.Array) -> tuple[edge_lengths.LengthState, jax.Array]:
+        state, V, _ = edge_lengths.restore_lengths(state, V, free=jnp.asarray(free), tables=tables)
+        return state, V
+
+    return jax.jit(lambda state, V: jax.lax.scan(frame, state, V))
 
 
 def truth_of(path: Path, folders: list[Path]) -> Path:
@@ -66,7 +82,8 @@ def main() -> None:
         garment = scene.garment
         pins = np.zeros(0, np.int32) if scene.pins is None else scene.pins.vertices
         table = uniform_table(garment.faces, V.shape[1])
-        out, ms = restored(edge_lengths.make_length_restorer(garment.template, table, pins, chunk=CHUNK), V)
+        tables = edge_lengths.make_length_tables(garment.template, table)
+        out, ms = restored(restorer(tables, ~np.isin(np.arange(V.shape[1]), pins)), V)
         edges, spectrum = unique_edges(garment.faces), make_spectrum(garment.faces, V.shape[1])
         rest = rest_lengths(garment.template, edges)
         power = laplacian_power(V_star[::EVERY], spectrum).mean()

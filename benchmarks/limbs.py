@@ -21,11 +21,11 @@ from measured import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision.sides import first_sides, keep_sides, make_side_tables
 from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import rmse
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.postprocess.limb_crossings import init_crossings, make_crossing_tables, undo_crossings
 
 
 def rooted(clip: Sequence) -> np.ndarray:
@@ -43,21 +43,21 @@ def measure(path: Path, truth: Path) -> dict[str, Any]:
     assert scene.pins is not None
     T, faces = scene.garment.template, scene.garment.faces
     limbs = limbs_of(scene.body, scene.collider)
-    sides = make_side_tables(T, faces, limbs, uniform_table(faces, len(T)))
-    assert sides is not None
+    tables = make_crossing_tables(T, faces, limbs, uniform_table(faces, len(T)))
+    assert tables is not None
     carried = carried_points(scene, collider=False, limbs=limbs)
     bones = pose_carried(carried, scene, motion, slice(0, len(V))).bones
     free = jnp.ones(len(T), bool).at[scene.pins.vertices].set(False)
-    step = jax.jit(lambda v, b, state: keep_sides(v, b, free, state, sides))
-    state = first_sides(jnp.asarray(V[0]), jnp.asarray(bones[0]))
-    jax.block_until_ready(step(jnp.asarray(V[0]), jnp.asarray(bones[0]), state))
+    step = jax.jit(lambda state, v, b: undo_crossings(state, v, b, free=free, tables=tables))
+    state = init_crossings(jnp.asarray(V[0]), jnp.asarray(bones[0]))
+    jax.block_until_ready(step(state, jnp.asarray(V[0]), jnp.asarray(bones[0])))
     wall, pierced, kept = np.zeros(len(V)), np.zeros(len(V), int), np.zeros_like(V)
     for t in range(len(V)):
         v, b = jax.block_until_ready((jnp.asarray(V[t]), jnp.asarray(bones[t])))
         began = time.perf_counter()
-        out, state, count = jax.block_until_ready(step(v, b, state))
+        state, out, count = jax.block_until_ready(step(state, v, b))
         wall[t], pierced[t], kept[t] = 1e3 * (time.perf_counter() - began), int(count), np.asarray(out)
-    near = np.array([_least_distance(v, b) < sides.reach for v, b in zip(V, bones, strict=True)])
+    near = np.array([_least_distance(v, b) < tables.reach for v, b in zip(V, bones, strict=True)])
     through = pierced > 0
     return {
         "clip": name,

@@ -17,6 +17,7 @@ command measures it; without one its rows are open.
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -29,11 +30,14 @@ from sized import Case, dressed, make_case, predictions, repeated, sized_config
 from stage_times import milliseconds, stages
 
 from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.collision import CollisionOptions, make_collider_tables, make_collision_tables
-from garment_jax.collision.sequence import first_carry, make_resolver
+from garment_jax.collision import CollisionOptions
 from garment_jax.collision.solid import everything
+from garment_jax.postprocess.pipeline import BodyFrame, contact_init, contact_step
+from garment_jax.postprocess.tables import make_contact_tables
+from garment_jax.rollout.chunks import scan_frames, solver_options
 from garment_jax.rollout.clips import rollout_chunks
 from garment_jax.rollout.scan import make_rollout
+from garment_jax.rollout.stream import first_of
 
 CHUNK = 32
 
@@ -66,27 +70,25 @@ def collision_samples(case: Case, *, whole_body: bool) -> tuple[np.ndarray, floa
     if whole_body or scene.collider is None:
         scene = scene._replace(collider=everything(scene.body))
     assert scene.collider is not None
-    surface = make_collider_tables(scene.collider, scene.body)
-    tables = make_collision_tables(case.template.T, case.template.laplacian, surface)
     settings = case.config.collision
     options = CollisionOptions(eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance)
-    pins = None if scene.pins is None else scene.pins.vertices
-    resolve = make_resolver(tables, pins=pins, options=options)
     carried = carried_points(scene, collider=True)
+    tables = make_contact_tables(
+        scene.garment, case.template.laplacian, scene.collider, scene.body, carried.pins, options=options
+    )._replace(strain=None)
+    resolve = scan_frames(partial(contact_step, tables=tables), solver_options(case.V.shape[1]))
     found: list[np.ndarray] = []
 
     def pieces():
-        carry = None
+        state = None
         for start in [0, *range(0, len(case.V), CHUNK)]:
             stretch = slice(start, start + CHUNK)
-            pinned, collider = (
-                jnp.asarray(x) for x in pose_carried(carried, scene, case.motion, stretch)[:2]
-            )
+            body = BodyFrame(*map(jnp.asarray, pose_carried(carried, scene, case.motion, stretch)))
             V = jnp.asarray(case.V[stretch])
-            carry = first_carry(V[0], collider[0], tables) if carry is None else carry
-            jax.block_until_ready((V, pinned, collider))
+            state = contact_init(V[0], first_of(body), tables=tables) if state is None else state
+            jax.block_until_ready((V, body))
             yield None  # what was prepared on the host does not count
-            carry, V, figures = resolve(carry, V, pinned, collider)
+            state, V, figures = resolve(state, V, body)
             found.append(np.asarray(figures.steps) > 0)
             yield V
 

@@ -54,7 +54,7 @@ def solver_built_once() -> Iterator[None]:
     build = programs.ProgramStore._built
 
     def built(store, name: str, jitted, arguments: tuple, facts):
-        if store._folder is not None or name not in ("first_carry", "resolve"):
+        if store._folder is not None or not name.startswith("contacts"):
             return build(store, name, jitted, arguments, facts)
         key = name, programs._key(arguments, facts)
         if key not in known:

@@ -117,7 +117,7 @@ def test_a_stopped_collide_says_so_and_leaves_nothing(tmp_path: Path, capsys, mo
         raise KeyboardInterrupt
 
     clip = str(write_clip(tmp_path / "clip.h5", 3))
-    monkeypatch.setattr("garment_jax.collision.command._resolved", stop)
+    monkeypatch.setattr("garment_jax.rollout.collide._resolved", stop)
     assert main(["collide", clip, "--out", str(tmp_path / "out.h5")]) == 130
     assert "interrupted" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["clip.h5"]

@@ -28,6 +28,7 @@ ROOMS = (
     "detail",
     "swing",
     "collision",
+    "postprocess",
     "rollout",
     "evaluation",
     "simulation",

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from garment_jax.config import Config
-from garment_jax.rollout.finish import Chunk
+from garment_jax.rollout.stream import Chunk
 from garment_jax.structs import Motion, Scene
 
 
@@ -33,7 +33,7 @@ class Runner(NamedTuple):
     params: Any  # pytree of arrays
     parameters: int  # numbers in it
     # (scene, motion, name) -> chunks in the world frame: begun from the skinned template where a method has a
-    # last frame, finished exactly as ours (`rollout.finish`)
+    # last frame, finished exactly as ours (`rollout.stream`)
     animate: Callable[[Scene, Motion, str], Iterator[Chunk]] | None = None
     # (scene, motions, name) -> V [t_i, n, 3] metres, root frames, side by side; pins as the method says
     rollout_batch: Callable[[Scene, Sequence[Motion], str], list[np.ndarray]] | None = None

@@ -11,8 +11,8 @@ from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
 from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.template import scene_template
-from garment_jax.rollout.finish import Chunk, Finish, make_finisher
 from garment_jax.rollout.model import Model, check_rate
+from garment_jax.rollout.stream import Chunk, PostprocessStream
 from garment_jax.structs import Motion, Scene
 
 
@@ -38,17 +38,17 @@ class Live(NamedTuple):
 
 class _Compiled(NamedTuple):
     live: Live
-    finish: Callable[[Motion, np.ndarray, np.ndarray], Finish]
+    postprocess: PostprocessStream
     run: Rollout  # of a chunk
     step: Rollout  # of a frame, without a time axis
 
 
-def _compile(live: Live, finish: Callable[[Motion, np.ndarray, np.ndarray], Finish]) -> _Compiled:
+def _compile(live: Live, postprocess: PostprocessStream) -> _Compiled:
     def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
         state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
         return state, V[0]
 
-    return _Compiled(live, finish, jax.jit(live.rollout), jax.jit(one))
+    return _Compiled(live, postprocess, jax.jit(live.rollout), jax.jit(one))
 
 
 def make_runner(
@@ -71,8 +71,8 @@ def make_runner(
         key = rollout_hash(scene)
         if key not in known:
             template = scene_template(scene, model.statistics, config)
-            finish = make_finisher(config, scene, template, collision=collision is not None)
-            known[key] = _compile(live_on(model, scene, name), finish)
+            postprocess = PostprocessStream(config, scene, template, collision=collision is not None)
+            known[key] = _compile(live_on(model, scene, name), postprocess)
         return known[key]
 
     def stream(scene: Scene, motion: Motion, name: str) -> Stream:
@@ -90,8 +90,8 @@ def make_runner(
 
     def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
         made = stream(scene, motion, name)
-        finish = compiled(scene, name).finish(motion, made.root, made.yaw)
-        yield from finish(_chunks(made.run, made.state, made.x, chunk))
+        pieces = _chunks(made.run, made.state, made.x, chunk)
+        yield from compiled(scene, name).postprocess(motion, made.root, made.yaw, pieces)
 
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
         made = compiled(scene, name)

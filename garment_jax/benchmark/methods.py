@@ -20,7 +20,6 @@ from garment_jax.generative.canonical import posed, unposed
 from garment_jax.generative.network import decode, encode
 from garment_jax.rollout.animate import Animator, make_animator
 from garment_jax.rollout.clips import rollout_batch
-from garment_jax.rollout.finish import Chunk
 from garment_jax.rollout.model import (
     Model,
     model_input,
@@ -31,6 +30,7 @@ from garment_jax.rollout.model import (
 )
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import init_state, step
+from garment_jax.rollout.stream import Chunk
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import train, trained_model
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.export.step_subject import StepSubject, first_state, frame_fields, step_function
-from garment_jax.rollout.attachment import make_attachment
+from garment_jax.postprocess.pins import attach, pin_extension
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import RolloutState
 
@@ -133,5 +133,6 @@ def _attach_departure(subject: StepSubject, graph: bytes) -> float:
     pins, V = scene.pins.vertices, subject.template.T
     moved = V[pins] + 0.05 * np.sin(np.arange(3 * len(pins), dtype=np.float32)).reshape(-1, 3)
     made = open_graph(graph).run(["V_attached"], {"V": V, "pins": moved})[0]
-    expected = make_attachment(scene.garment, pins)(jnp.asarray(V), jnp.asarray(moved))
+    extension = pin_extension(scene.garment, pins)
+    expected = attach(jnp.asarray(V), jnp.asarray(moved), pins=pins, extension=extension)
     return float(np.abs(made - np.asarray(expected)).max())

@@ -27,9 +27,8 @@ from garment_jax.export.step_subject import (
     swing_function,
 )
 from garment_jax.export.swing_functions import begun, flat, length
-from garment_jax.geometry.extension import smooth_extension
 from garment_jax.geometry.skinning import softmax_weights
-from garment_jax.rollout.attachment import REACH, attached
+from garment_jax.postprocess.pins import follow, pin_extension
 from garment_jax.storage.whole import written_whole
 
 SCHEMA = "garment_jax-step-1"
@@ -183,7 +182,7 @@ def _swing_graph(subject: StepSubject, opset: int) -> Any:
 
 def _attach_graph(subject: StepSubject, pins: np.ndarray, opset: int) -> Any:
     garment = subject.scene.garment
-    H = smooth_extension(garment.template, garment.faces, pins, reach=REACH)
+    H = jnp.asarray(pin_extension(garment, pins))
     frame = "metres, root frame"
     inputs = [
         Port("V", garment.template.shape, frame),
@@ -192,7 +191,7 @@ def _attach_graph(subject: StepSubject, pins: np.ndarray, opset: int) -> Any:
     outputs = [("V_attached", f"V with its pins there and the cloth beside them along, {frame}")]
     properties = _properties(subject)
     return to_onnx(
-        lambda V, positions: (attached(jnp.asarray(H), V, positions, pins),),
+        lambda V, positions: (follow(V, positions, pins=pins, extension=H),),
         inputs,
         outputs,
         name="attach",

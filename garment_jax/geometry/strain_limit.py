@@ -63,13 +63,6 @@ def make_strain_tables(garment: Garment, pins: np.ndarray) -> StrainTables:
     )
 
 
-def make_strain_limit(garment: Garment, pins: np.ndarray) -> Callable[[jax.Array], jax.Array]:
-    """Return a jitted function (V `[t, n, 3]` metres) -> V, frame by frame; `pins` `[p]` do not move."""
-    tables = make_strain_tables(garment, pins)
-    compiled = jax.jit(lambda tables, V: jax.lax.map(lambda v: strain_limited(v, tables)[0], V))
-    return lambda V: compiled(tables, V)
-
-
 def strain_limited(
     V: Float[Array, "n 3"],
     tables: StrainTables,

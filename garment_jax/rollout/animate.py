@@ -23,13 +23,14 @@ from garment_jax.data.sequence_writer import DEFAULT_SCALE, INT16_REACH, Sequenc
 from garment_jax.data.start import make_start
 from garment_jax.data.template import Template
 from garment_jax.data.validation import check_input
+from garment_jax.postprocess.figures import per_frame_columns
 from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
-from garment_jax.rollout.finish import Chunk, make_finisher
 from garment_jax.rollout.misfit import check_parameters
 from garment_jax.rollout.model import Model, check_rate, facts_of, template_for, without_swing
 from garment_jax.rollout.plan import ScenePlan, make_plan
 from garment_jax.rollout.rollers import make_roller
+from garment_jax.rollout.stream import Chunk, PostprocessStream
 from garment_jax.structs import Motion, Scene
 
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
@@ -51,9 +52,8 @@ def animate(
     """Yield the garment of `motion`, chunk by chunk, world frame; memory does not grow with its length.
 
     Begins from the skinned template (with `preroll`, from the template itself, `preroll` frames before).
-    Pinned vertices are the body's, and the cloth beside them follows (`attachment`); edges that change too
-    much are brought back (`strain_limit`). Raises `ValueError` for a garment or a frame rate that the model
-    was not trained on, or a joint that the body lacks.
+    What comes after the networks is in `postprocess.pipeline`. Raises `ValueError` for a garment or a frame
+    rate that the model was not trained on, or a joint that the body lacks.
     """
     run = make_animator(model, scene, detail=detail, collision=collision, name=name)
     yield from run(motion, preroll=preroll, name=name)
@@ -73,7 +73,7 @@ def make_animator(
 
     Its programs are compiled once, whatever the motions' lengths. `out_of_reach`: a distance bound says that
     the cloth cannot touch the collider (`make_plan`); then collision handling is left out, not even
-    imported, until a frame leaves the bound. `store` keeps programs between runs. Raises `ValueError` as
+    compiled, until a frame leaves the bound. `store` keeps programs between runs. Raises `ValueError` as
     `animate` does.
     """
     template, seeds = template_for(model, scene, name)
@@ -83,14 +83,13 @@ def make_animator(
         "model": repr(model.config),
         "statistics": _digits(model.statistics),
     }
-    finish = make_finisher(
+    postprocess = PostprocessStream(
         model.config,
         scene,
         template,
         collision=collision,
         out_of_reach=out_of_reach,
         programs=programs,
-        facts=facts,
     )
     joints = model.config.body.motion_joints
     begin = make_start(template, seeds, model.config.body.tau)
@@ -102,7 +101,8 @@ def make_animator(
         first = Motion(whole.rotations[:1], whole.root[:1], whole.fps)
         inputs = motion_input(first, scene, seeds, joints)
         V_start = begin(inputs.R_seed, inputs.t_seed)[0]
-        pieces = finish(whole, whole.root.astype(np.float64), headings(whole))(roll(whole, V_start))
+        root, yaw = whole.root.astype(np.float64), headings(whole)
+        pieces = postprocess(whole, root, yaw, roll(whole, V_start))
         return _blaming(_without_first(pieces, preroll), model, template)
 
     return run
@@ -198,8 +198,6 @@ def _animate_open(
             progress(frames, len(motion.root))
         writer.add_per_frame("outside_training_range", outside)
         if figures is not None and known == frames:
-            from garment_jax.collision.sequence import per_frame_columns
-
             for column, values in per_frame_columns(figures).items():
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:

@@ -16,7 +16,7 @@ from garment_jax.body.root_frame import from_root  # noqa: E402
 from garment_jax.export import onnx_check  # noqa: E402
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_step import export_step  # noqa: E402
-from garment_jax.rollout.attachment import make_attachment  # noqa: E402
+from garment_jax.postprocess.pins import attach, pin_extension  # noqa: E402
 from garment_jax.rollout.model import Model, model_input, save_model, skinned_template  # noqa: E402
 from garment_jax.rollout.scan import make_rollout  # noqa: E402
 from garment_jax.rollout.step import init_state  # noqa: E402
@@ -156,7 +156,9 @@ def test_the_attached_garment_is_the_animations(folder: Path):
     moved = T[pins] + np.float32(0.03)
     graph = open_graph((folder / "tiny.attach.onnx").read_bytes())
     V = graph.run(["V_attached"], {"V": T, "pins": moved})[0]
-    np.testing.assert_allclose(V, make_attachment(SCENE.garment, pins)(T, moved), atol=1e-6)
+    extension = pin_extension(SCENE.garment, pins)
+    expected = attach(jnp.asarray(T), jnp.asarray(moved), pins=pins, extension=extension)
+    np.testing.assert_allclose(V, expected, atol=1e-6)
     np.testing.assert_allclose(V[pins], moved, atol=1e-6)
 
 

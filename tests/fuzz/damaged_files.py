@@ -182,8 +182,8 @@ def load(*, jax: bool) -> None:
     import garment_jax.validator.validate
 
     if jax:
-        import garment_jax.collision.command
         import garment_jax.rollout.animate
+        import garment_jax.rollout.collide
         import garment_jax.training.pipeline
         import garment_jax.training.run  # noqa: F401
 

@@ -3,8 +3,10 @@
 import gc
 import sys
 import tracemalloc
+from functools import partial
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,12 +20,10 @@ from garment_jax.config import RolloutConfig
 from garment_jax.data import sequence_writer
 from garment_jax.data.content_hash import garment_hash
 from garment_jax.data.sequence import SequenceWriter, open_sequence
-from garment_jax.geometry.extension import smooth_extension
-from garment_jax.geometry.strain_limit import make_strain_limit
+from garment_jax.postprocess.pipeline import BodyFrame, shape_init, shape_step
+from garment_jax.postprocess.tables import make_shape_tables
 from garment_jax.rollout import rollers
 from garment_jax.rollout.animate import animate, animate_file, training_range
-from garment_jax.rollout.attachment import REACH
-from garment_jax.rollout.edge_lengths import make_length_restorer
 from garment_jax.rollout.model import Model
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.structs import Motion, Scene
@@ -50,13 +50,13 @@ def test_pins_are_the_bodys_and_the_rest_is_the_rollout_in_the_world():
     run = make_rollout(template(), CONFIG)
     rolled = run(tiny_model().params, alone(first_state(inputs)), inputs.x)[1]
     back, rolled = to_root(V.astype(np.float64), inputs.root, inputs.yaw), np.asarray(rolled, np.float64)
-    garment = SCENE.garment
-    H = smooth_extension(garment.template, garment.faces, pins.vertices, reach=REACH)
-    off = back[:, pins.vertices] - rolled[:, pins.vertices]
-    attached = rolled + np.einsum("np,tpc->tnc", H, off)
-    shortened = make_strain_limit(garment, pins.vertices)(jnp.asarray(attached, jnp.float32))
-    begin = make_length_restorer(garment.template, template().laplacian, pins.vertices, chunk=20)
-    np.testing.assert_allclose(back, begin()(shortened), atol=1e-5)
+    tables, state = make_shape_tables(SCENE.garment, template().laplacian, pins.vertices), None
+    one = jax.jit(partial(shape_step, tables=tables))
+    for V_f, expected in zip(rolled, back, strict=True):
+        body = BodyFrame(jnp.asarray(expected[pins.vertices]), jnp.zeros((0, 3)), jnp.zeros((0, 2, 3)))
+        state = shape_init(jnp.asarray(V_f), body, tables=tables) if state is None else state
+        state, made, _ = one(state, jnp.asarray(V_f, jnp.float32), body)
+        np.testing.assert_allclose(expected, made, atol=1e-5)
 
 
 def test_moving_100_m_and_turning_137_degrees_changes_less_than_a_tenth_of_a_millimetre():

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.rollout import finish
+from garment_jax.rollout import stream
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.model import facts_of, load_model, model_facts, save_model
 from garment_jax.rollout.plan import CLEARANCE, make_plan, reachable_triangles
@@ -105,7 +105,7 @@ def test_parameters_that_nobody_reads_are_not_loaded_and_change_nothing(tmp_path
 
 def stretched(monkeypatch: pytest.MonkeyPatch, stretch: float) -> None:
     """Let animations hold the cloth to another stretch than the usual one."""
-    monkeypatch.setattr(finish, "cloth_reach", lambda g, p: cloth_reach(g, p, stretch=stretch))
+    monkeypatch.setattr(stream, "cloth_reach", lambda g, p: cloth_reach(g, p, stretch=stretch))
 
 
 def test_collision_out_of_reach_changes_nothing(monkeypatch: pytest.MonkeyPatch):

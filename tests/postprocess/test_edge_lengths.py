@@ -7,17 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from garment_jax.geometry.elastic import ElasticTables, make_elastic_tables
+from garment_jax.geometry.elastic import ElasticTables
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.rollout.edge_lengths import (
-    CRUSHED,
+from garment_jax.postprocess.edge_lengths import (
     FARTHEST,
-    SPREAD,
     STEPS,
-    THICKNESS,
     LengthState,
-    make_length_restorer,
+    init_lengths,
+    make_length_tables,
     restore_lengths,
 )
 
@@ -41,13 +39,14 @@ FREE = jnp.ones(len(T), bool).at[PINS].set(False)
 
 @lru_cache
 def tables() -> ElasticTables:
-    table = uniform_table(FACES, len(T))
-    return make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS, crushed=CRUSHED)
+    made = make_length_tables(T, uniform_table(FACES, len(T)))
+    assert made is not None
+    return made
 
 
 @lru_cache
 def one():
-    return jax.jit(lambda V, x: restore_lengths(V, LengthState(x), FREE, tables()))
+    return jax.jit(lambda V, x: restore_lengths(LengthState(x), V, free=FREE, tables=tables()))
 
 
 def shortening(V: np.ndarray) -> float:
@@ -64,8 +63,22 @@ def blurred(depth: float = 0.004) -> np.ndarray:
 
 
 def settled(V: np.ndarray, frames: int = 40) -> np.ndarray:
-    restore = make_length_restorer(T, uniform_table(FACES, len(T)), PINS, chunk=frames)()
-    return np.asarray(restore(jnp.asarray(np.stack([V] * frames))))
+    return restored(init_lengths(len(T)), np.stack([V] * frames))[1]
+
+
+def restored(state: LengthState, V: np.ndarray) -> tuple[LengthState, np.ndarray]:
+    """Restore frames one after the other."""
+    state, out = scanned()(state, jnp.asarray(V))
+    return state, np.asarray(out)
+
+
+@lru_cache
+def scanned():
+    def frame(state: LengthState, v: jax.Array):
+        state, V, _ = restore_lengths(state, v, free=FREE, tables=tables())
+        return state, V
+
+    return jax.jit(lambda state, V: jax.lax.scan(frame, state, V))
 
 
 def test_cloth_that_lacks_length_folds_where_the_prediction_hints_at_it():
@@ -84,7 +97,7 @@ def test_cloth_that_lacks_length_folds_where_the_prediction_hints_at_it():
 def test_pins_stay_and_cloth_of_its_lengths_moves_nowhere():
     out = settled(blurred())
     np.testing.assert_array_equal(out[:, PINS], np.stack([blurred()[PINS]] * len(out)))
-    found, state, steps = one()(jnp.asarray(T), jnp.zeros((3, len(T))))
+    state, found, steps = one()(jnp.asarray(T), jnp.zeros((3, len(T))))
     np.testing.assert_allclose(found, T, atol=2e-7)
     assert steps == 1
     assert jnp.abs(state.x).max() < 2e-7
@@ -103,30 +116,28 @@ def test_cloth_that_is_stretched_beside_its_pins_is_drawn_together():
 
 def test_a_frame_goes_on_from_the_last_and_a_chunk_from_the_last_chunk():
     frames = jnp.asarray(np.stack([blurred(0.002 + 1e-4 * k) for k in range(12)]))
-    begin, half = (make_length_restorer(T, uniform_table(FACES, len(T)), PINS, chunk=k) for k in (12, 6))
-    whole, pieces = begin(), half()
-    at_once = whole(frames)
-    np.testing.assert_allclose(jnp.concatenate([pieces(frames[:6]), pieces(frames[6:])]), at_once, atol=1e-7)
+    at_once = restored(init_lengths(len(T)), frames)[1]
+    state, first = restored(init_lengths(len(T)), frames[:6])
+    np.testing.assert_allclose(np.concatenate([first, restored(state, frames[6:])[1]]), at_once, atol=1e-7)
     x, by_hand = jnp.zeros((3, len(T))), []
     for V in frames:
-        V, state, steps = one()(V, x)
+        state, V, steps = one()(V, x)
         assert steps <= STEPS
         by_hand.append(V)
         x = state.x
     np.testing.assert_allclose(jnp.stack(by_hand), at_once, atol=1e-6)
-    np.testing.assert_allclose(begin()(frames), at_once, atol=1e-7)  # another motion begins anew
 
 
 def test_a_fold_that_is_not_needed_any_more_does_not_stretch_the_cloth():
     x = jnp.zeros((3, len(T)))
     for _ in range(40):
-        x = one()(jnp.asarray(blurred()), x)[1].x
+        x = one()(jnp.asarray(blurred()), x)[0].x
     assert jnp.abs(x).max() > 2e-3
     for pull in (1.0, 1.25):  # at its length, and stretched
         V = jnp.asarray(T * np.float32([1.0, 1.0, pull]))
-        out, state, _ = one()(V, x)
+        state, out, _ = one()(V, x)
         for _ in range(9):
-            out, state, _ = one()(V, state.x)
+            state, out, _ = one()(V, state.x)
         length, before = (np.linalg.norm(v[EDGES[:, 0]] - v[EDGES[:, 1]], axis=1) for v in np.stack([out, V]))
         rest = np.linalg.norm(T[EDGES[:, 0]] - T[EDGES[:, 1]], axis=1)
         assert np.percentile(length / np.maximum(before, rest), 99) < 1.02
@@ -134,25 +145,22 @@ def test_a_fold_that_is_not_needed_any_more_does_not_stretch_the_cloth():
 
 def test_what_makes_no_sense_is_soon_forgotten():
     V = jnp.asarray(blurred())
-    _, state, _ = one()(1e8 * V, jnp.zeros((3, len(T))))
+    state, _, _ = one()(1e8 * V, jnp.zeros((3, len(T))))
     assert jnp.abs(state.x).max() <= FARTHEST
 
 
 def test_a_broken_frame_comes_back_and_is_forgotten():
     V = jnp.asarray(blurred())
-    _, state, _ = one()(V, jnp.zeros((3, len(T))))
+    state, _, _ = one()(V, jnp.zeros((3, len(T))))
     broken = V.at[5, 1].set(jnp.nan)
-    out, after, steps = one()(broken, state.x)
+    after, out, steps = one()(broken, state.x)
     np.testing.assert_array_equal(out, broken)
     np.testing.assert_array_equal(after.x, state.x)
     assert steps == 0
 
 
-def test_points_without_edges_come_back():
-    loose = T[:4]
-    table, none = uniform_table(np.zeros((0, 3), np.int32), 4), np.zeros(0, np.int32)
-    V = jnp.asarray(loose)[None]
-    np.testing.assert_array_equal(make_length_restorer(loose, table, none, chunk=1)()(V), V)
+def test_points_without_edges_have_no_lengths_to_restore():
+    assert make_length_tables(T[:4], uniform_table(np.zeros((0, 3), np.int32), 4)) is None
 
 
 def test_a_crushed_fold_hardly_magnifies_a_rounding():

@@ -1,4 +1,4 @@
-"""Cloth stays on its side of a limb: what a leg has passed through is put back before it is pushed out.
+"""Limb crossings: cloth that a leg has passed through is put back on its side before collision handling.
 
 A network that is late leaves a skirt where it hung while the leg kicks through it. No vertex shows that
 afterwards: pushed out of the body by the shortest way, each is outside, on the wrong side. So where a bone
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.body.limbs import Limbs
 from garment_jax.geometry.elastic import (
@@ -39,8 +39,10 @@ RELEASE = 0.7  # part of the displacement that is left a frame after the last bo
 GONE = 1e-4  # metres of displacement below which a vertex stays where it was predicted
 FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says nothing
 
+Vector = tuple[Array, ...]  # x, y, z of one or many points
 
-class SideTables(NamedTuple):
+
+class CrossingTables(NamedTuple):
     """What does not change from frame to frame (static)."""
 
     faces: np.ndarray  # [f, 3] int32
@@ -49,7 +51,7 @@ class SideTables(NamedTuple):
     elastic: ElasticTables
 
 
-class SideState(NamedTuple):
+class CrossingState(NamedTuple):
     """What one frame hands to the next."""
 
     V: jax.Array  # [n, 3] metres, the cloth on its side
@@ -58,10 +60,10 @@ class SideState(NamedTuple):
     begun: jax.Array  # [] bool: there was a last frame
 
 
-def make_side_tables(
-    template: np.ndarray, faces: np.ndarray, limbs: Limbs, table: LaplacianTable
-) -> SideTables | None:
-    """Return the tables of a garment (`template` `[n, 3]` metres, `faces` `[f, 3]`); None without limbs."""
+def make_crossing_tables(
+    template: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], limbs: Limbs, table: LaplacianTable
+) -> CrossingTables | None:
+    """Return the tables of a garment (`template` in metres); None without limbs."""
     edges = unique_edges(np.asarray(faces))
     if not len(limbs.radius) or not len(edges):
         return None
@@ -69,22 +71,23 @@ def make_side_tables(
     length = np.linalg.norm(T[edges[:, 0]] - T[edges[:, 1]], axis=1)
     reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
     elastic = make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS)
-    return SideTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
+    return CrossingTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
 
 
-def first_sides(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> SideState:
+def init_crossings(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> CrossingState:
     """Return what goes before the first frame, which is on its side by definition."""
-    return SideState(V, bones, jnp.zeros_like(V), jnp.array(False))
+    return CrossingState(V, bones, jnp.zeros_like(V), jnp.array(False))
 
 
-def keep_sides(
+def undo_crossings(
+    state: CrossingState,
     V_f: Float[Array, "n 3"],
     bones: Float[Array, "q 2 3"],
+    *,
     free: Bool[Array, " n"],
-    state: SideState,
-    tables: SideTables,
-) -> tuple[Array, SideState, Array]:
-    """Return the cloth on its side of the limbs, the state, and how many bones crossed `V_f`.
+    tables: CrossingTables,
+) -> tuple[CrossingState, Float[Array, "n 3"], Int[Array, ""]]:
+    """Return the state, the cloth on its side of the limbs, and how many bones crossed `V_f`.
 
     Metres, root frame; `free`: vertices that are not pinned. Without a bone through the cloth, now or just
     before, `V_f` comes back bitwise, and so does in any frame what would move by less than `GONE`. A frame
@@ -105,14 +108,14 @@ def keep_sides(
     x = jax.lax.cond(active, held, released)
     x = jnp.where(finite & ((x * x).sum(axis=1, keepdims=True) >= GONE**2), x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
-    following = SideState(V, bones, x, jnp.array(True))
+    following = CrossingState(V, bones, x, jnp.array(True))
     following = jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
-    return V, following, pierced.sum().astype(jnp.int32)
+    return following, V, pierced.sum().astype(jnp.int32)
 
 
 def after_collisions(
-    state: SideState, V: Float[Array, "n 3"], correction: Float[Array, "n 3"], held: Bool[Array, ""]
-) -> SideState:
+    state: CrossingState, V: Float[Array, "n 3"], correction: Float[Array, "n 3"], held: Bool[Array, ""]
+) -> CrossingState:
     """Return the state with the cloth as it came out of the body, if it was `held` in this frame (metres).
 
     `correction`: all of the displacement from the prediction. Without this a leg that is held up lets the
@@ -123,7 +126,9 @@ def after_collisions(
     return state._replace(V=jnp.where(moved, V, state.V), x=jnp.where(moved, correction, state.x))
 
 
-def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: SideTables) -> Bool[Array, " q"]:
+def pierced_by(
+    P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: CrossingTables
+) -> Bool[Array, " q"]:
     """Return which bones properly cross a face of the cloth."""
     faces = jnp.asarray(tables.faces)
     a, b, c = (tuple(P[:, faces[:, k]]) for k in range(3))
@@ -139,8 +144,14 @@ def pierced_by(P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: Sid
     return jax.lax.map(crossed, bones)
 
 
-def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
-    """Return the displacement `[3, n]` that keeps the cloth on its side of all bones.
+def _held(
+    P: Float[Array, "3 n"],
+    bones: Float[Array, "q 2 3"],
+    free: Bool[Array, " n"],
+    state: CrossingState,
+    tables: CrossingTables,
+) -> Float[Array, "3 n"]:
+    """Return the displacement that keeps the cloth on its side of all bones.
 
     Of those too that the prediction keeps clear of: the displaced cloth may meet them.
     """
@@ -154,7 +165,7 @@ def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
     height = ordered(jnp.stack([h for _, h in planes]), elastic)
     edges, movable = edges_of(ordered(P, elastic), elastic), ordered(free, elastic)
 
-    def step(_, carry):
+    def step(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, y, theta = carry
         new = y - jnp.where(movable[None], elastic_gradient(y, edges, elastic), 0.0) / elastic.lipschitz
         for b in range(len(planes)):
@@ -168,10 +179,17 @@ def _held(P, bones, free, state: SideState, tables: SideTables) -> Array:
     return disordered(x, elastic)
 
 
-def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
-    """Return direction `[3, n]` and height `[n]` of the plane that keeps each vertex on its side of a bone.
+def _plane(
+    ends: tuple[Array, Array],
+    Q: Float[Array, "3 n"],
+    before: Float[Array, "2 3"],
+    now: Float[Array, "2 3"],
+    free: Bool[Array, " n"],
+    radius: float,
+) -> tuple[Float[Array, "3 n"], Float[Array, " n"]]:
+    """Return direction and height of the plane that keeps each vertex on its side of a bone.
 
-    `Q` `[3, n]`: the last frame's cloth, which is carried along with the bone. A vertex is kept if its way
+    `Q`: the last frame's cloth, which is carried along with the bone. A vertex is kept if its way
     from there to one of the `ends` (the prediction, and that with the last displacement) comes within `CORE`
     of the limb. The height is above the prediction. Twist about the bone is left out: it moves no vertex
     through it. Direction and height are 0 elsewhere.
@@ -194,8 +212,10 @@ def _plane(ends, Q, before, now, free, radius: float) -> tuple[Array, Array]:
     return direction, jnp.where(kept, height, 0.0)
 
 
-def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:
-    """Return the least distance of the segments a -> b `[3, n]` from the segment start -> start + axis."""
+def _segment_distance(
+    a: Float[Array, "3 n"], b: Float[Array, "3 n"], start: Float[Array, " 3"], axis: Float[Array, " 3"]
+) -> Float[Array, " n"]:
+    """Return the least distance of the segments a -> b from the segment start -> start + axis, metres."""
     way, apart = b - a, a - start[:, None]
     A, E = jnp.maximum(dot(way, way), 1e-12), jnp.maximum(axis @ axis, 1e-12)
     B, C, F = axis @ way, dot(way, apart), axis @ apart
@@ -208,8 +228,8 @@ def _segment_distance(a: Array, b: Array, start: Array, axis: Array) -> Array:
     return jnp.sqrt(dot(gap, gap))
 
 
-def _from_bone(P: Array, bone: Array) -> Array:
-    """Return the distance of the points `[3, n]` from a bone `[2, 3]`."""
+def _from_bone(P: Float[Array, "3 n"], bone: Float[Array, "2 3"]) -> Float[Array, " n"]:
+    """Return the distance of points from a bone, metres."""
     axis = bone[1] - bone[0]
     apart = P - bone[0][:, None]
     t = jnp.clip(axis @ apart / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
@@ -217,5 +237,6 @@ def _from_bone(P: Array, bone: Array) -> Array:
     return jnp.sqrt(dot(gap, gap))
 
 
-def _volume(p, q, a, b) -> Array:
+def _volume(p: Vector, q: Vector, a: Vector, b: Vector) -> Array:
+    """Return six times the signed volume of tetrahedra; vectors are their three coordinates."""
     return dot(cross(minus(q, p), minus(a, p)), minus(b, p))

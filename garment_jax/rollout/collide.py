@@ -11,10 +11,8 @@ import numpy as np
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root, heading, to_root
-from garment_jax.collision.chunks import make_chunk_resolver
 from garment_jax.collision.options import CollisionOptions
 from garment_jax.collision.result import MESSAGES, Outcome
-from garment_jax.collision.sequence import FrameFigures, join_figures, per_frame_columns
 from garment_jax.collision.solid import Solid, solid_for
 from garment_jax.config import CollisionConfig
 from garment_jax.data.lanes import repeated_last
@@ -22,8 +20,11 @@ from garment_jax.data.replaceable import COLLIDED, check_prediction_out
 from garment_jax.data.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
 from garment_jax.data.validation import check_input
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
+from garment_jax.postprocess.tables import make_contact_tables
 from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
+from garment_jax.rollout.stream import body_frames, chunk_shapes, contact_programs, first_of
 
 WINDOW = 64  # frames in memory at a time, and in one compiled piece
 LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
@@ -54,8 +55,8 @@ def collide_file(
     The collider is that of the scene, or with `whole_body` all of its body. `body` names another
     sequence file of as many frames, whose moving body takes the place of the sequence's own, or a rigged
     body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
-    `limbs` what a limb has passed through is put back on its side first (`collision/sides.py`). Pinned
-    vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
+    `limbs` what a limb has passed through is put back on its side first (`undo_crossings`). Pinned vertices
+    stay where the sequence has them. Attributes, encoding and per-frame data are kept;
     `extra/collision_...` are added. `store` keeps the compiled program between runs. Raises `ValueError` or
     `OSError` in one sentence; so for an `out` that is there and neither predicted nor written here.
     """
@@ -90,7 +91,8 @@ def collide_file(
 
 def summary(report: Report) -> list[str]:
     """Return what to print: a line of figures, then lines for limbs and for how frames fell short."""
-    f, worst = report.figures, int(np.argmax(report.figures.pop))
+    f, worst = FrameFigures(*map(np.asarray, report.figures)), int(np.argmax(report.figures.pop))
+    pierced = np.asarray(f.pierced) > 0
     short = ~np.isin(f.outcome, (Outcome.NOTHING_TO_DO, Outcome.CONVERGED))
     lines = [
         f"{report.frames} frames, {report.frames / report.seconds:.0f} frames/s with the start; "
@@ -99,12 +101,10 @@ def summary(report: Report) -> list[str]:
         f"{int(f.penetrating_after.sum())} after; {short.sum()} frames not converged; "
         f"largest pop {1e3 * f.pop[worst]:.2f} mm (frame {worst})"
     ]
-    if (f.pierced > 0).any():
-        lines.append(
-            f"{_frames(f.pierced > 0)}: a limb ran through the cloth, put back where its side was known."
-        )
+    if pierced.any():
+        lines.append(f"{_frames(pierced)}: a limb ran through the cloth, put back where its side was known.")
     for outcome in np.unique(f.outcome[short]):
-        lines.append(f"{_frames(f.outcome == outcome)}: {MESSAGES[Outcome(int(outcome))]}")
+        lines.append(f"{_frames(np.asarray(f.outcome) == outcome)}: {MESSAGES[Outcome(int(outcome))]}")
     return lines
 
 
@@ -152,18 +152,13 @@ def _resolved(
     garment, pins = sequence.scene.garment, sequence.scene.pins
     held = np.zeros(0, np.int32) if pins is None else pins.vertices
     bones = limbs_of(scene.body, solid.collider) if limbs else None
-    resolve = make_chunk_resolver(
-        garment,
-        uniform_table(garment.faces, len(garment.template)),
-        solid.collider,
-        scene.body,
-        chunk=WINDOW,
-        pins=held,
-        limbs=bones,
-        options=options,
-        programs=store,
-    )()
-    carried = carried_points(scene, collider=True, limbs=bones)
+    laplacian = uniform_table(garment.faces, len(garment.template))
+    tables = make_contact_tables(
+        garment, laplacian, solid.collider, scene.body, held, limbs=bones, options=options
+    )
+    carried, state = carried_points(scene, collider=True, limbs=bones), None
+    shapes = chunk_shapes(garment, carried, WINDOW, pins=len(held))
+    contacts = contact_programs(tables, *shapes, programs=store or ProgramStore(None))
     for start, world in sequence.windows(min(WINDOW, sequence.frames)):
         count = len(world)
         frames = slice(start, start + count)
@@ -171,7 +166,9 @@ def _resolved(
         root, yaw = motion.root[frames].astype(np.float64), heading(motion.rotations[frames, 0])
         V = to_root(world.astype(np.float64), root, yaw).astype(np.float32)
         posed = pose_carried(carried, scene, motion, frames)._replace(pins=V[:, held])
-        resolved, figures = resolve(jnp.asarray(repeated_last(V, WINDOW)), posed)
+        body, V_f = body_frames(posed, WINDOW), jnp.asarray(repeated_last(V, WINDOW))
+        state = contacts.init(V_f[0], first_of(body)) if state is None else state
+        state, resolved, figures = contacts.run(state, V_f, body)
         moved = np.asarray(resolved)[:count]
         placed = from_root(moved.astype(np.float64), root, yaw).astype(np.float32)
         # What did not move keeps its digits: turning there and back would change the last one.

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 
 from garment_jax.body.limbs import Limbs
-from garment_jax.collision import sides
-from garment_jax.collision.sides import SideTables, first_sides, keep_sides, make_side_tables
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.postprocess import limb_crossings
+from garment_jax.postprocess.limb_crossings import (
+    CrossingTables,
+    after_collisions,
+    init_crossings,
+    make_crossing_tables,
+    undo_crossings,
+)
 from tests.collision.cloth import sheet
 
 RADIUS = 0.08
@@ -23,15 +29,15 @@ FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of 
 
 
 @lru_cache
-def made() -> SideTables:
-    result = make_side_tables(REST, FACES, LIMBS, TABLE)
+def made() -> CrossingTables:
+    result = make_crossing_tables(REST, FACES, LIMBS, TABLE)
     assert result is not None
     return result
 
 
 @lru_cache
 def step():
-    return jax.jit(lambda V, bones, state: keep_sides(V, bones, FREE, state, made()))
+    return jax.jit(lambda V, bones, state: undo_crossings(state, V, bones, free=FREE, tables=made()))
 
 
 def bar(height: float, *, tilt: float = 0.0) -> np.ndarray:
@@ -42,10 +48,10 @@ def bar(height: float, *, tilt: float = 0.0) -> np.ndarray:
 
 def through(heights, tilt: float = 0.0):
     """Return displacements, pierced counts and answers while the bar moves; the prediction stands still."""
-    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(heights[0], tilt=tilt)))
+    state = init_crossings(jnp.asarray(REST), jnp.asarray(bar(heights[0], tilt=tilt)))
     found = []
     for h in heights:
-        V, state, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(h, tilt=tilt)), state)
+        state, V, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(h, tilt=tilt)), state)
         found.append((np.asarray(V), int(pierced)))
     return found
 
@@ -84,13 +90,13 @@ def test_after_the_bar_has_left_the_displacement_dies_away_and_is_dropped():
     found = through([-0.2, -0.1, 0.0, *([-0.3] * 40)], tilt=0.02)
     moved = [np.abs(V - REST).max() for V, _ in found]
     assert moved[2] > 0.5 * RADIUS
-    np.testing.assert_allclose(moved[3], sides.RELEASE * moved[2], rtol=1e-3)
+    np.testing.assert_allclose(moved[3], limb_crossings.RELEASE * moved[2], rtol=1e-3)
     assert moved[-1] == 0
 
 
 def test_the_first_frame_has_no_side_that_it_came_from():
-    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)))
-    V, _, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), state)
+    state = init_crossings(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)))
+    _, V, pierced = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), state)
     assert int(pierced) > 0
     np.testing.assert_array_equal(V, REST)
 
@@ -101,10 +107,10 @@ def test_cloth_that_lies_on_a_thin_part_of_a_limb_is_not_pushed_off_it():
     bones = np.zeros((2, 2, 3), np.float32)
     bones[0] = [[-0.3, -low, -0.3], [0.3, -low, -0.3]]
     beside = (np.abs(REST[:, 0]) < 0.25) & (np.abs(REST[:, 2] + 0.3) < 0.02)
-    state = first_sides(jnp.asarray(REST), jnp.asarray(bones + [[[0]], [[-0.2]]]))
+    state = init_crossings(jnp.asarray(REST), jnp.asarray(bones + [[[0]], [[-0.2]]]))
     for h in (-0.1, 0.0, 0.02):
         bones[1] = bar(h, tilt=0.02)[0] + [0, 0, 0.2]
-        V, state, _ = step()(jnp.asarray(REST), jnp.asarray(bones.copy()), state)  # bones are written to
+        state, V, _ = step()(jnp.asarray(REST), jnp.asarray(bones.copy()), state)  # bones are written to
     assert np.abs(np.asarray(V) - REST)[np.abs(REST[:, 2] - 0.3) < 0.02].max() > 0.5 * RADIUS
     assert np.abs(np.asarray(V)[beside, 1] - REST[beside, 1]).max() < 0.1 * RADIUS
 
@@ -116,8 +122,8 @@ def test_cloth_before_the_end_of_a_bone_stays_there():
     for h in (-0.2, -0.1, 0.05):
         up = np.array([knee - [0, 0.5, 0], knee], np.float32) + np.array([0, h, 0], np.float32)
         bones = jnp.asarray(np.stack([up, up + np.array([0, 0, 3.0], np.float32)]))
-        state = first_sides(jnp.asarray(REST), bones) if state is None else state
-        V, state, _ = step()(jnp.asarray(REST), bones, state)
+        state = init_crossings(jnp.asarray(REST), bones) if state is None else state
+        state, V, _ = step()(jnp.asarray(REST), bones, state)
     above = np.linalg.norm(REST[:, [0, 2]] - knee[[0, 2]], axis=1) < 0.03
     assert above.any()
     assert (np.asarray(V)[above, 1] > 0.05 + 0.5 * RADIUS).all()
@@ -127,11 +133,11 @@ def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
     """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
     longer = jnp.asarray((1.05 * REST).astype(np.float32))
     bones = np.repeat(np.array([[[0.02, -0.1, 0.03], [0.02, 0.1, 0.03]]], np.float32), 2, 0)
-    thin = make_side_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
+    thin = make_crossing_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
     assert thin is not None
-    state = first_sides(longer, jnp.asarray(bones))
+    state = init_crossings(longer, jnp.asarray(bones))
     for _ in range(3):
-        V, state, pierced = keep_sides(longer, jnp.asarray(bones), FREE, state, thin)
+        state, V, pierced = undo_crossings(state, longer, jnp.asarray(bones), free=FREE, tables=thin)
         assert int(pierced) > 0
         np.testing.assert_array_equal(V, longer)
 
@@ -140,14 +146,14 @@ def test_far_from_the_limb_the_cloth_keeps_every_digit():
     found = through([-0.1, 0.0], tilt=0.02)[-1][0]
     moved = np.abs(found - REST).max(axis=1)
     assert moved.max() > 0.5 * RADIUS
-    assert ((moved == 0) | (np.linalg.norm(found - REST, axis=1) > 0.99 * sides.GONE)).all()
+    assert ((moved == 0) | (np.linalg.norm(found - REST, axis=1) > 0.99 * limb_crossings.GONE)).all()
 
 
 def test_a_nan_is_left_alone_and_forgotten():
-    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.2)))
-    _, state, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.2)), state)
+    state = init_crossings(jnp.asarray(REST), jnp.asarray(bar(-0.2)))
+    state, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.2)), state)
     bad = jnp.asarray(REST).at[5, 1].set(jnp.nan)
-    V, after, _ = step()(bad, jnp.asarray(bar(0.0, tilt=0.02)), state)
+    after, V, _ = step()(bad, jnp.asarray(bar(0.0, tilt=0.02)), state)
     np.testing.assert_array_equal(V, bad)
     jax.tree.map(np.testing.assert_array_equal, after, state)
 
@@ -156,11 +162,11 @@ def test_a_bone_that_turns_over_in_a_frame_and_one_without_length_give_no_nan():
     over = bar(0.0, tilt=0.02)[:, ::-1].copy()
     point = np.repeat(bar(0.0)[:, :1], 2, axis=1)
     for strange in (over, point):
-        state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.1)))
-        _, state, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1)), state)
-        V, state, _ = step()(jnp.asarray(REST), jnp.asarray(strange), state)
+        state = init_crossings(jnp.asarray(REST), jnp.asarray(bar(-0.1)))
+        state, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1)), state)
+        state, V, _ = step()(jnp.asarray(REST), jnp.asarray(strange), state)
         assert np.isfinite(V).all()
-        V, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.01, tilt=0.02)), state)
+        _, V, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.01, tilt=0.02)), state)
         assert np.isfinite(V).all()
 
 
@@ -169,7 +175,7 @@ def test_the_crossing_test_is_the_metric_s(seed: int):
     rng = np.random.default_rng(seed)
     bones = rng.uniform(-0.5, 0.5, (40, 2, 3)).astype(np.float32)
     V = REST + rng.normal(0, 0.01, REST.shape).astype(np.float32)
-    found = np.asarray(sides.pierced_by(jnp.asarray(V.T), jnp.asarray(bones), made()))
+    found = np.asarray(limb_crossings.pierced_by(jnp.asarray(V.T), jnp.asarray(bones), made()))
     expected = pierced_bones(np.repeat(V[None], 40, 0), bones[:, None], FACES) > 0
     np.testing.assert_array_equal(found, expected)
 
@@ -178,7 +184,7 @@ def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(2, 3, 30))
     start, axis = rng.normal(size=(2, 3))
-    found = sides._segment_distance(*(jnp.asarray(x) for x in (a, b, start, axis)))
+    found = limb_crossings._segment_distance(*(jnp.asarray(x) for x in (a, b, start, axis)))
     t = np.linspace(0, 1, 400)
     on_way = a[:, :, None] + t * (b - a)[:, :, None]
     on_bone = start[:, None] + t * axis[:, None]
@@ -188,20 +194,20 @@ def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
 
 def test_a_body_without_limbs_needs_no_tables():
     none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
-    assert make_side_tables(REST, FACES, none, TABLE) is None
+    assert make_crossing_tables(REST, FACES, none, TABLE) is None
 
 
 def test_the_next_frame_goes_on_from_what_came_out_of_the_body():
-    state = first_sides(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)))
-    _, still, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)), state)
+    state = init_crossings(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)))
+    still, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(-0.1, tilt=0.02)), state)
     out, yes = jnp.asarray(REST) + 0.01, jnp.array(True)
-    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(still, out, out - REST, yes), still)
-    _, moved, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), still)
-    after = sides.after_collisions(moved, out, out - REST, yes)
+    jax.tree.map(np.testing.assert_array_equal, after_collisions(still, out, out - REST, yes), still)
+    moved, _, _ = step()(jnp.asarray(REST), jnp.asarray(bar(0.0, tilt=0.02)), still)
+    after = after_collisions(moved, out, out - REST, yes)
     np.testing.assert_array_equal(after.V, out)
     np.testing.assert_array_equal(after.x, out - REST)
     np.testing.assert_array_equal(after.bones, moved.bones)
     bad = out.at[3].set(jnp.nan)
-    jax.tree.map(np.testing.assert_array_equal, sides.after_collisions(moved, bad, bad - REST, yes), moved)
-    released = sides.after_collisions(moved, out, out - REST, ~yes)
+    jax.tree.map(np.testing.assert_array_equal, after_collisions(moved, bad, bad - REST, yes), moved)
+    released = after_collisions(moved, out, out - REST, ~yes)
     jax.tree.map(np.testing.assert_array_equal, released, moved)

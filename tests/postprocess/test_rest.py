@@ -1,15 +1,19 @@
 """A standing body: its cloth comes to rest, goes with its prediction, and is resolved anew when it moves."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
+from operator import itemgetter
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.collision import CollisionOptions, Outcome
-from garment_jax.collision.sequence import first_carry, make_resolver
-from garment_jax.collision.standing import QUIET, SETTLE
 from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.postprocess.pipeline import contact_init, contact_step
+from garment_jax.postprocess.rest import QUIET, SETTLE
+from garment_jax.rollout.chunks import scan_frames
 from tests.collision.cloth import sheet, tables
+from tests.postprocess.frames import body_frames, contact_tables
 
 PINS = np.array([0, 23, 552, 575], np.int32)
 OPTIONS = CollisionOptions(eps=4e-3, iterations=10)  # too few: each frame goes on where the last one ended
@@ -20,12 +24,14 @@ KEPT = SETTLE  # the first frame that keeps the correction
 
 @lru_cache
 def resolver():
-    return make_resolver(tables()[0], pins=PINS, options=OPTIONS)
+    return scan_frames(partial(contact_step, tables=contact_tables(PINS, OPTIONS)))
 
 
 def resolved(V: np.ndarray, collider: np.ndarray):
-    carry = first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables()[0])
-    _, out, figures = resolver()(carry, jnp.asarray(V), jnp.asarray(V[:, PINS]), jnp.asarray(collider))
+    frames = body_frames(V[:, PINS], collider)
+    first = jax.tree.map(itemgetter(0), frames)
+    state = contact_init(jnp.asarray(V[0]), first, tables=contact_tables(PINS, OPTIONS))
+    _, out, figures = resolver()(state, jnp.asarray(V), frames)
     return np.asarray(out), figures
 
 

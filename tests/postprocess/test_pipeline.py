@@ -1,21 +1,24 @@
 """Frames resolved in stretches: the same as one after the other, with the figures of each."""
 
 from functools import lru_cache, partial
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from garment_jax.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
-from garment_jax.collision.sequence import (
-    FrameFigures,
-    first_carry,
-    join_figures,
-    make_resolver,
-    per_frame_columns,
-)
 from garment_jax.data.lanes import repeated_last
+from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.postprocess import pipeline
+from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
+from garment_jax.postprocess.pipeline import contact_init, contact_step
+from garment_jax.postprocess.tables import Tables, make_shape_tables
+from garment_jax.rollout.chunks import scan_frames
+from garment_jax.structs import Garment
 from tests.collision.cloth import sheet, tables
+from tests.postprocess.frames import body_frames, contact_tables
 
 PINS = np.array([0, 23, 552, 575], np.int32)
 OPTIONS = CollisionOptions(iterations=40, rings=6)
@@ -33,21 +36,22 @@ def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @lru_cache
 def resolver():
-    return make_resolver(tables()[0], pins=PINS, options=OPTIONS)
+    return scan_frames(partial(contact_step, tables=contact_tables(PINS, OPTIONS)))
 
 
 def start():
-    V, _, collider = inputs()
-    return first_carry(jnp.asarray(V[0]), jnp.asarray(collider[0]), tables()[0])
+    V, pins, collider = inputs()
+    first = jax.tree.map(itemgetter(0), body_frames(pins, collider))
+    return contact_init(jnp.asarray(V[0]), first, tables=contact_tables(PINS, OPTIONS))
 
 
 def resolve_all(V: np.ndarray, pins: np.ndarray, collider: np.ndarray) -> tuple[np.ndarray, FrameFigures]:
     """Resolve the frames stretch after stretch."""
-    parts, figures, carry = [], [], start()
+    parts, figures, state = [], [], start()
     for first in range(0, len(V), STRETCH):
-        piece = [x[first : first + STRETCH] for x in (V, pins, collider)]
-        carry, out, more = resolver()(carry, *(jnp.asarray(repeated_last(x, STRETCH)) for x in piece))
-        count = len(piece[0])
+        piece = [repeated_last(x[first : first + STRETCH], STRETCH) for x in (V, pins, collider)]
+        state, out, more = resolver()(state, jnp.asarray(piece[0]), body_frames(*piece[1:]))
+        count = len(V[first : first + STRETCH])
         parts.append(np.asarray(out)[:count])
         figures.append(FrameFigures(*(np.asarray(x)[:count] for x in more)))
     return np.concatenate(parts), join_figures(figures)
@@ -108,3 +112,39 @@ def test_a_nan_in_one_frame_does_not_reach_the_next_ones_pop():
     figures = resolve_all(bad, pins, collider)[1]
     assert figures.outcome[2] == Outcome.NOT_FINITE
     assert np.isfinite(figures.pop).all()
+
+
+def test_a_frame_is_brought_to_its_pins_and_lengths_before_its_contacts(monkeypatch: pytest.MonkeyPatch):
+    T, faces = sheet()
+    garment = Garment(T, faces, np.zeros((len(T), 2), np.float32), faces)
+    shape = make_shape_tables(garment, uniform_table(faces, len(T)), PINS)
+    contacts = contact_tables(PINS, OPTIONS)
+    frame = jax.tree.map(itemgetter(0), body_frames(T[None, PINS] + 0.01, tables()[1][None]))
+    V = jnp.asarray(T * np.array([1.0, 1.0, 0.9], np.float32))
+
+    told = FrameFigures(*[jnp.int32(7)] * len(FrameFigures._fields))
+
+    def lifted(state, V, frame, *, tables):
+        assert tables is contacts
+        return state, V + 1.0, told
+
+    monkeypatch.setattr(pipeline, "contact_step", lifted)
+    state = pipeline.init(V, frame, tables=Tables(shape, contacts))
+    after, out, figures = pipeline.step(state, V, frame, tables=Tables(shape, contacts))
+    shaped_state, shaped, _ = pipeline.shape_step(state.shape, V, frame, tables=shape)
+    np.testing.assert_array_equal(out, shaped + 1.0)
+    np.testing.assert_array_equal(shaped[PINS], frame.pins)
+    assert np.abs(shaped - V).max() > 1e-3
+    assert figures is told
+    jax.tree.map(np.testing.assert_array_equal, after, pipeline.State(shaped_state, state.contacts))
+
+
+def test_without_a_collider_contacts_are_left_out():
+    T, faces = sheet()
+    garment = Garment(T, faces, np.zeros((len(T), 2), np.float32), faces)
+    made = Tables(make_shape_tables(garment, uniform_table(faces, len(T)), PINS, lengths=False), None)
+    frame = jax.tree.map(itemgetter(0), body_frames(T[None, PINS], np.zeros((1, 0, 3), np.float32)))
+    state = pipeline.init(jnp.asarray(T), frame, tables=made)
+    after, V, figures = pipeline.step(state, jnp.asarray(T), frame, tables=made)
+    assert (after.contacts, figures) == (None, None)
+    np.testing.assert_array_equal(V, T)

@@ -7,9 +7,7 @@ import pytest
 
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
 from garment_jax.body.limbs import limbs_of
-from garment_jax.collision import MESSAGES, Outcome, command
-from garment_jax.collision.command import Report, collide_file, summary
-from garment_jax.collision.sequence import FrameFigures
+from garment_jax.collision import MESSAGES, Outcome
 from garment_jax.collision.solid import everything
 from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.evaluation.penetration import (
@@ -18,6 +16,9 @@ from garment_jax.evaluation.penetration import (
     signed_distance,
 )
 from garment_jax.evaluation.piercing import pierced_bones
+from garment_jax.postprocess.figures import FrameFigures
+from garment_jax.rollout import collide
+from garment_jax.rollout.collide import Report, collide_file, summary
 from garment_jax.structs import Collider, Scene
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
@@ -126,7 +127,7 @@ def test_attributes_motion_extras_pins_and_what_is_far_from_the_body_are_kept(th
 
 
 def test_windows_change_nothing(thin, done, tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "WINDOW", 1)
+    monkeypatch.setattr(collide, "WINDOW", 1)
     report = collide_file(thin, tmp_path / "again.h5")
     np.testing.assert_array_equal(report.figures.outcome, done[1].figures.outcome)
     np.testing.assert_allclose(report.figures.pop, done[1].figures.pop, atol=1e-5)
@@ -195,7 +196,7 @@ def test_stopped_in_the_middle_nothing_is_left(tmp_path, thin, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command.FrameProgress, "__call__", stop)
+    monkeypatch.setattr(collide.FrameProgress, "__call__", stop)
     with pytest.raises(KeyboardInterrupt):
         collide_file(thin, tmp_path / "out.h5")
     assert list(tmp_path.iterdir()) == []

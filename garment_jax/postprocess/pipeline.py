@@ -1,0 +1,202 @@
+"""The order of what happens to a frame after the networks: `step`, one frame in, one frame out.
+
+    pins -> strain limit -> edge lengths                             `shape_step`
+    limb crossings -> collision -> stretched again -> rest           `contact_step`
+
+Nothing here is fed back into the networks. The two halves are steps of their own, since a rollout computes
+them on two threads, and `garment-jax collide` does the second alone. Metres, root frames.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from garment_jax.collision.projection import initial_state
+from garment_jax.collision.result import CollisionResult, CollisionState
+from garment_jax.collision.solver import resolve_collisions
+from garment_jax.collision.tightening import resolve_unstretched
+from garment_jax.geometry.apart import apart
+from garment_jax.geometry.strain_limit import strain_limited
+from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
+from garment_jax.postprocess.figures import FrameFigures, correction_of, pop_of
+from garment_jax.postprocess.limb_crossings import (
+    CrossingState,
+    after_collisions,
+    init_crossings,
+    undo_crossings,
+)
+from garment_jax.postprocess.pins import attach
+from garment_jax.postprocess.rest import (
+    RestState,
+    at_rest,
+    freeze,
+    init_rest,
+    kept_correction,
+    next_rest,
+    rest_outcome,
+)
+from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
+
+
+class BodyFrame(NamedTuple):
+    """What the body carries in one frame."""
+
+    pins: jax.Array  # [p, 3] metres, root frame
+    collider: jax.Array  # [c, 3]
+    bones: jax.Array  # [q, 2, 3] ends of the limbs' bones
+
+
+class ShapeState(NamedTuple):
+    """What `shape_step` hands to the next frame."""
+
+    lengths: LengthState
+
+
+class ContactState(NamedTuple):
+    """What `contact_step` hands to the next frame."""
+
+    collision: CollisionState
+    correction: jax.Array  # [n, 3] metres, of the last frame
+    begun: jax.Array  # [] bool: there was a last frame
+    rest: RestState
+    crossings: CrossingState | None
+
+
+class State(NamedTuple):
+    """What a frame hands to the next."""
+
+    shape: ShapeState
+    contacts: ContactState | None
+
+
+def init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: Tables) -> State:
+    """Return the state before the first frame, whose garment and body these are."""
+    contacts = None if tables.contacts is None else contact_init(V, frame, tables=tables.contacts)
+    return State(shape_init(V, frame, tables=tables.shape), contacts)
+
+
+def step(
+    state: State, V: Float[Array, "n 3"], frame: BodyFrame, *, tables: Tables
+) -> tuple[State, Float[Array, "n 3"], FrameFigures | None]:
+    """Return the next state, the networks' frame `V` post-processed, and what collision handling did."""
+    shape, V, _ = shape_step(state.shape, V, frame, tables=tables.shape)
+    if tables.contacts is None or state.contacts is None:
+        return State(shape, None), V, None
+    contacts, V, figures = contact_step(state.contacts, V, frame, tables=tables.contacts)
+    return State(shape, contacts), V, figures
+
+
+def shape_init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ShapeTables) -> ShapeState:
+    """Return the state before the first frame."""
+    return ShapeState(init_lengths(len(V)))
+
+
+def shape_step(
+    state: ShapeState, V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ShapeTables
+) -> tuple[ShapeState, Float[Array, "n 3"], None]:
+    """Return the next state, and `V` at its pins with its edges near their lengths."""
+    V = attach(V, frame.pins, pins=tables.pins, extension=tables.extension)
+    V, _ = strain_limited(V, tables.strain)
+    if tables.lengths is None:
+        return state, V, None
+    free = jnp.asarray(tables.free)
+    lengths, V, _ = restore_lengths(state.lengths, V, free=free, tables=tables.lengths)
+    return ShapeState(lengths), V, None
+
+
+def contact_init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ContactTables) -> ContactState:
+    """Return the state before the first frame, whose garment is on its side of every limb."""
+    return ContactState(
+        collision=initial_state(V, frame.collider, tables.collision.surface),
+        correction=jnp.zeros_like(V),
+        begun=jnp.array(False),
+        rest=init_rest(V, frame.collider),
+        crossings=None if tables.crossings is None else init_crossings(V, frame.bones),
+    )
+
+
+def contact_step(
+    state: ContactState, V_f: Float[Array, "n 3"], frame: BodyFrame, *, tables: ContactTables
+) -> tuple[ContactState, Float[Array, "n 3"], FrameFigures]:
+    """Return the next state, `V_f` outside the body and on its side of the limbs, and what that took."""
+    frames, kept = at_rest(state.rest, V_f, frame.collider)
+    crossings, V, pierced = _uncrossed(state, V_f, frame, kept, tables)
+    result, collision = _resolved(state.collision, V, V_f, frame, kept, tables)
+    result, collision = freeze(result, collision, V, kept)
+    correction = correction_of(result.V, V_f, tables.free)
+    if crossings is not None:
+        crossings = after_collisions(crossings, result.V, correction, (pierced > 0) & ~kept)
+    found = RestState(
+        V_f=V_f,
+        correction=kept_correction(result.outcome, kept, V, V_f, correction),
+        collider=frame.collider,
+        frames=frames,
+        deepest=result.deepest_before,
+        penetrating=result.penetrating_before,
+        outcome=result.outcome,
+        pierced=pierced,
+    )
+    rest = next_rest(state.rest, found, kept)
+    figures = FrameFigures(
+        deepest_before=rest.deepest,
+        deepest_after=result.deepest_after,
+        penetrating_before=rest.penetrating,
+        penetrating_after=result.penetrating_after,
+        steps=result.steps,
+        outcome=rest_outcome(result.outcome, rest.outcome, kept),
+        pierced=pierced,
+        pop=pop_of(correction, state.correction, state.begun),
+    )
+    return ContactState(collision, correction, jnp.array(True), rest, crossings), result.V, figures
+
+
+def _uncrossed(
+    state: ContactState, V_f: Float[Array, "n 3"], frame: BodyFrame, kept: Array, tables: ContactTables
+) -> tuple[CrossingState | None, Float[Array, "n 3"], Int[Array, ""]]:
+    """Return `undo_crossings`; with the last frame's correction where that is `kept`."""
+
+    def resting() -> tuple[CrossingState | None, Array, Array]:
+        return state.crossings, V_f + state.rest.correction, state.rest.pierced
+
+    def moving() -> tuple[CrossingState | None, Array, Array]:
+        if tables.crossings is None or state.crossings is None:
+            return state.crossings, V_f, jnp.int32(0)
+        free = jnp.asarray(tables.free)
+        return undo_crossings(state.crossings, V_f, frame.bones, free=free, tables=tables.crossings)
+
+    return jax.lax.cond(kept, resting, moving)
+
+
+def _resolved(
+    state: CollisionState,
+    V: Float[Array, "n 3"],
+    V_f: Float[Array, "n 3"],
+    frame: BodyFrame,
+    kept: Array,
+    tables: ContactTables,
+) -> tuple[CollisionResult, CollisionState]:
+    """Return `V` resolved, and shortened where it is more stretched than `V_f`.
+
+    A correction that is `kept` is part of `V` already: the solver begins without it, and hands it on.
+    """
+    resolve = resolve_collisions
+    if tables.strain is not None:
+        resolve = partial(resolve_unstretched, strain=tables.strain, as_in=V_f)
+    result, following = resolve(
+        V,
+        frame.collider,
+        state._replace(correction=_chosen(kept, 0.0, state.correction)),
+        tables=tables.collision,
+        pins=tables.pins,
+        pin_positions=frame.pins,
+        options=tables.options,
+    )
+    return result, following._replace(correction=_chosen(kept, state.correction, following.correction))
+
+
+@apart
+def _chosen(kept: Array, x: Array | float, y: Array) -> Array:
+    return jnp.where(kept, x, y)

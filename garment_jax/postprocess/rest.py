@@ -1,0 +1,103 @@
+"""Rest: where the body stands still and the cloth hangs, the correction of the last frame is kept.
+
+Every frame the solver starts from the last answer and ends where its steps run out, so that where parts of
+the body cross each other, or cloth is caught, the garment trembles by up to centimetres for ever. Simulated
+cloth does not: once the body and the prediction have come to rest, the correction may rest, too. Not in the
+paper.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
+from garment_jax.geometry.apart import apart
+
+STILL = 1e-4  # metres: a body whose vertices stay within this of where they were stands
+SETTLE = 15  # frames of a standing body that are resolved as any other: folds come to rest
+QUIET = 1e-3  # metres a frame: a prediction whose vertices all move by less hangs
+
+
+class RestState(NamedTuple):
+    """What the frames of a standing body go on from."""
+
+    V_f: jax.Array  # [n, 3] metres, the last prediction
+    correction: jax.Array  # [n, 3] metres, what was added to it
+    collider: jax.Array  # [c, 3] metres, the body where it came to stand
+    frames: jax.Array  # [] int32 since then
+    deepest: jax.Array  # [] metres inside the collider, before the last frame that was resolved as any other
+    penetrating: jax.Array  # [] int32 vertices inside before
+    outcome: jax.Array  # [] int32, its `Outcome`
+    pierced: jax.Array  # [] int32 bones through its prediction
+
+
+def init_rest(V_f: Float[Array, "n 3"], collider: Float[Array, "c 3"]) -> RestState:
+    """Return what goes before the first frame: a body that has just come to stand."""
+    none = jnp.int32(0)
+    return RestState(V_f, jnp.zeros_like(V_f), collider, none, jnp.zeros((), V_f.dtype), none, none, none)
+
+
+@apart
+def at_rest(
+    state: RestState, V_f: Float[Array, "n 3"], collider: Float[Array, "c 3"]
+) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+    """Return for how many frames the body stands (0: it moves), and whether this frame keeps the correction.
+
+    It does where the body stands for longer than `SETTLE` and the prediction `V_f` hangs. A frame with a NaN
+    keeps nothing. Metres, root frame.
+    """
+    stands = (jnp.abs(collider - state.collider) <= STILL).all()
+    frames = jnp.where(stands, state.frames + 1, 0)
+    squared = jnp.square(V_f - state.V_f).sum(axis=-1)
+    return frames, (frames > SETTLE) & (squared < QUIET**2).all()
+
+
+@apart
+def freeze(
+    result: CollisionResult, state: CollisionState, held: Float[Array, "n 3"], kept: Bool[Array, ""]
+) -> tuple[CollisionResult, CollisionState]:
+    """Return the cloth as it was `held` where that was `kept` and not inside, and pushing it found no rest.
+
+    Between parts of the body that touch there is no room for the margin: pushed out of one the cloth is too
+    near to the other, and would jump to and fro.
+    """
+    frozen = kept & (result.outcome == Outcome.MARGIN_MISSED) & (result.penetrating_before == 0)
+    frozen_state = state._replace(V=held.T, outside=jnp.ones_like(state.outside))
+    V = jnp.where(frozen, held, result.V)
+    return result._replace(V=V), jax.tree.map(lambda a, b: jnp.where(frozen, a, b), frozen_state, state)
+
+
+@apart
+def kept_correction(
+    outcome: Int[Array, ""],
+    kept: Bool[Array, ""],
+    held: Float[Array, "n 3"],
+    V_f: Float[Array, "n 3"],
+    correction: Float[Array, "n 3"],
+) -> Float[Array, "n 3"]:
+    """Return the correction that a standing body's next frames keep.
+
+    What is inside for ever is pushed anew in every frame, not ever farther.
+    """
+    return jnp.where(kept & (outcome == Outcome.STILL_INSIDE), held - V_f, correction)
+
+
+@apart
+def next_rest(state: RestState, found: RestState, kept: Bool[Array, ""]) -> RestState:
+    """Return what follows a frame `found` so; one that `kept` the correction says of before what is known."""
+    known = found._replace(
+        deepest=state.deepest,
+        penetrating=state.penetrating,
+        outcome=state.outcome,
+        pierced=state.pierced,
+    )
+    new = jax.tree.map(lambda old, now: jnp.where(kept, old, now), known, found)
+    return new._replace(collider=jnp.where(found.frames > 0, state.collider, found.collider))
+
+
+def rest_outcome(outcome: Int[Array, ""], known: Int[Array, ""], kept: Bool[Array, ""]) -> Int[Array, ""]:
+    """Return the outcome: a correction that is kept needs nothing more, and is what it was `known` as."""
+    nothing = kept & (outcome == Outcome.NOTHING_TO_DO)
+    return jnp.where(nothing, jnp.minimum(known, Outcome.STEPS_SPENT), outcome)
