@@ -79,7 +79,7 @@ def test_the_command_keeps_every_job_as_it_ends(tmp_path: Path, monkeypatch: pyt
         return 0
 
     monkeypatch.setattr(runner, "run_job", at_once)
-    monkeypatch.setattr("garment_jax.benchmark.report.write_report", lambda plan, told: [])
+    monkeypatch.setattr("garment_jax.benchmark.runner.write_report", lambda plan, told: [])
     said: list[str] = []
     assert runner.benchmark(path, kept=kept, show=said.append) == 0
     assert count == list(range(len(count)))

@@ -29,7 +29,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[J
         return 0
 
     monkeypatch.setattr(runner, "run_job", at_once)
-    monkeypatch.setattr("garment_jax.benchmark.report.write_report", lambda plan, told: [])
+    monkeypatch.setattr("garment_jax.benchmark.runner.write_report", lambda plan, told: [])
     return path, done
 
 
