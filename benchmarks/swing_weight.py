@@ -23,10 +23,10 @@ from garment_jax.evaluation.cloth import hem
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.rollout.animate import animate
 from garment_jax.rollout.model import Model, without_swing
-from garment_jax.rollout.swing import make_swing_rollout, roll_clip
 from garment_jax.rollout.variants import without_lengths
 from garment_jax.swing.motion import swing_frames
 from garment_jax.swing.network import at_rest, cells_of, corrected
+from garment_jax.swing.rollout import make_swing_rollout, roll_clip
 from garment_jax.swing.tables import make_swing_tables
 from garment_jax.training.pipeline import trained_model
 

@@ -18,9 +18,17 @@ All structures are NamedTuples. Those documented as "static" hold NumPy arrays t
 are made once per template; the others hold arrays of one frame and may be traced.
 """
 
-from typing import Any, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:  # commands that read files alone start without jax
+    import jax
+    from jaxtyping import PyTree
+
+    Array = np.ndarray | jax.Array
 
 
 class RiggedBody(NamedTuple):
@@ -84,22 +92,41 @@ class Scene(NamedTuple):
     pins: Pins | None
 
 
+class SwingFrame(NamedTuple):
+    """The motion of one frame as the swing's ring of `a` columns takes it; leading axes stack."""
+
+    seen: Array  # [a, f] features of each column (see swing/motion)
+    way: Array  # [a, 3] metres that each anchor moved since the last frame, in the column's frame
+    turn: Array  # [] radians that cloth which hangs in the world turns about +Y as seen from the root
+    anchor: Array  # [a, 3] metres, root frame
+
+
+class SwingCarry(NamedTuple):
+    """What the ring carries from frame to frame; columns' frames."""
+
+    X: jax.Array  # [*b, a, h, 3] metres from the anchors, the last frame's cells
+    moved: jax.Array  # [*b, a, h, 3] metres that they moved in that frame
+    h: jax.Array  # [*b, a, hidden]
+
+
 class FrameInput(NamedTuple):
     """The motion of one frame as the networks take it; every field causal, leading axes stack."""
 
-    M: Any  # [d] motion features, their own units (see body/motion_features)
-    turn: Any  # [3, 3] a row vector v of frame t-1's root frame is v @ turn + shift in frame t's
-    shift: Any  # [3] metres
-    R: Any = None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), canonical -> root frame
-    t: Any = None  # [j, 3] metres
-    swing: Any = None  # what the swing's ring takes of it (swing.motion.SwingFrame); None: codes alone
+    M: Array  # [d] motion features, their own units (see body/motion_features)
+    turn: Array  # [3, 3] a row vector v of frame t-1's root frame is v @ turn + shift in frame t's
+    shift: Array  # [3] metres
+    R: Array | None = (
+        None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), into root frame
+    )
+    t: Array | None = None  # [j, 3] metres
+    swing: SwingFrame | None = None  # None: codes alone
 
 
 class TrainState(NamedTuple):
     """What a train step takes and returns: all that a resumed run needs."""
 
-    params: Any  # nested dict of arrays; those that train
-    opt_state: Any
-    key: Any  # PRNG key, split once per step
-    step: Any  # [] int32
-    carry: Any = ()  # recurrent state that crosses window borders (motion, swing)
+    params: PyTree  # nested dict of arrays; those that train
+    opt_state: PyTree
+    key: jax.Array  # PRNG key, split once per step
+    step: jax.Array  # [] int32
+    carry: PyTree = ()  # recurrent state that crosses window borders (motion, swing)

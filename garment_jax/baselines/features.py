@@ -4,6 +4,7 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from garment_jax.body.motion_features import chosen_joints
 from garment_jax.config import Config
@@ -31,6 +32,8 @@ def columns(body: RiggedBody, config: Config, reads: Reads) -> np.ndarray:
     return np.arange(*ends[reads])
 
 
-def normalised(M: np.ndarray, template: Template, chosen: np.ndarray) -> np.ndarray:
-    """Return the `chosen` columns of features `M` `[t, d]` in deviations, held near the training range."""
+def normalised(
+    M: Float[Array | np.ndarray, "t d"], template: Template, chosen: Int[np.ndarray, " c"]
+) -> Float[np.ndarray, "t c"]:
+    """Return the `chosen` columns of features `M` in deviations, held near the training range."""
     return np.asarray(normalise_motion(jnp.asarray(M), template), np.float32)[:, chosen]

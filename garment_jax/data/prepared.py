@@ -243,8 +243,11 @@ def _computed(
             )
             yield "T_tilde", start, np.asarray(T_tilde)
         if "U" in parts:
+            R, t = inputs.x.R, inputs.x.t
             assert W is not None
-            yield "U", start, np.asarray(unskin_frames(V, W, inputs.x.R[window], inputs.x.t[window]))
+            assert R is not None
+            assert t is not None
+            yield "U", start, np.asarray(unskin_frames(V, W, np.asarray(R[window]), np.asarray(t[window])))
 
 
 @functools.partial(jax.jit, static_argnames=("tau", "iterations"))

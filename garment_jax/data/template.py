@@ -1,13 +1,15 @@
 """What one garment's networks share: template, atlas, Laplacian and normalisation (static, host)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.body.carried import Carried
 from garment_jax.body.garment_skinning import garment_weights
 from garment_jax.config import Config
 from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, uniform_table
+from garment_jax.geometry.stencil import Stencil
 from garment_jax.geometry.topology import Neighbours, neighbour_table
 from garment_jax.geometry.uv_atlas import UvAtlas, make_atlas
 from garment_jax.structs import Garment, RiggedBody, Scene
@@ -35,7 +37,7 @@ class SeenBody(NamedTuple):
     vertices: np.ndarray  # [q] int32
     cap_loop: np.ndarray  # [k] int32 whose mean is looked at as well, as of a collider; may be empty
 
-    def described(self) -> dict[str, Any]:
+    def described(self) -> dict[str, str | list[int]]:
         """Return values of JSON, from which `read_seen_body` makes it again."""
         return {
             "mesh": self.mesh,
@@ -44,12 +46,30 @@ class SeenBody(NamedTuple):
         }
 
 
-def read_seen_body(described: dict[str, Any] | None) -> SeenBody | None:
+def read_seen_body(described: dict | None) -> SeenBody | None:
     """Return what `SeenBody.described` gave; None for None, of models that are older."""
     if described is None:
         return None
     points = (np.array(described[key], np.int32) for key in ("vertices", "cap_loop"))
     return SeenBody(described["mesh"], *points)
+
+
+class SwingTables(NamedTuple):
+    """A garment as the swing's ring of `a` columns of `h` cells (static; metres)."""
+
+    frames: np.ndarray  # [a, 3, 3] rows: outward, around the body, up; root frame -> the column's own
+    anchors: np.ndarray  # [a, p] weights of the pins that carry a column; rows sum to 1
+    centre: np.ndarray  # [a, 3] canonical anchors less their mean, in the columns' frames
+    rest: np.ndarray  # [a, h, 3] the template's cells, from their anchors, in the columns' frames
+    typical: np.ndarray  # [h, 3] their mean over the columns
+    scale: np.ndarray  # [h, 1] what counts as 1, metres
+    filled: np.ndarray  # [a, h] 1 where a cell holds cloth, else 0
+    share: np.ndarray  # [a, h] part of the garment's vertices in a cell
+    down: Stencil  # vertices -> cells, the mean around each
+    up: Stencil  # cells -> vertices, a smooth surface that is 0 at the pins
+    levels: np.ndarray  # [l + 1] borders of the heights above the anchors' mean, metres, falling
+    farthest: float  # metres; a body farther from the axis counts as that far
+    carried: Carried  # pins, then points of the collider
 
 
 class Template(NamedTuple):
@@ -62,7 +82,7 @@ class Template(NamedTuple):
     interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
     W: np.ndarray | None = None  # [n, j] weights that pose it; None: networks see it in the root frame
-    ring: Any = None  # the swing's (swing.tables.SwingTables); None: codes alone
+    ring: SwingTables | None = None  # None: codes alone
 
 
 STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant

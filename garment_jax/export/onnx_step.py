@@ -169,7 +169,9 @@ def _frame_graph(subject: StepSubject, opset: int) -> Any:
 
 
 def _swing_graph(subject: StepSubject, opset: int) -> Any:
-    n, size = len(subject.template.T), length(subject.template.ring, subject.model.config.swing)
+    ring = subject.template.ring
+    assert ring is not None
+    n, size = len(subject.template.T), length(ring, subject.model.config.swing)
     inputs = [
         Port("V", (n, 3), "of the step, metres, root frame"),
         Port("swing", (size,), "state of the swing, of the last frame"),

@@ -52,7 +52,8 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     The codes' alone: the swing is a graph of its own (`swing_function`).
     """
     names = frame_fields(subject)
-    still = FrameInput(None, np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
+    features = np.zeros(len(subject.template.statistics.motion_mean), np.float32)
+    still = FrameInput(features, np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
 
     def run(h: jax.Array, V_prev: jax.Array, *fields: jax.Array):
         state, V = step(
@@ -71,6 +72,7 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
 def swing_function(subject: StepSubject) -> Callable[..., tuple]:
     """Return (V, swing, rotations, root, both of the last frame) -> (V, swing), parameters inside."""
     model, ring = subject.model, subject.template.ring
+    assert ring is not None
 
     def run(V: jax.Array, swing: jax.Array, *skeletons: jax.Array):
         state = unflat(swing, ring, model.config.swing)

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from garment_jax.config import Config, SwingConfig
+from garment_jax.data.template import SwingTables
 from garment_jax.export.host_functions import angle, heading, joints_from_root, yaw_matrix
 from garment_jax.geometry.stencil import dense_matrix
-from garment_jax.structs import Scene
+from garment_jax.structs import Scene, SwingCarry
 from garment_jax.swing.motion import (
     CHANGED,
     FASTEST,
@@ -27,8 +28,8 @@ from garment_jax.swing.motion import (
     USUAL_RADIUS,
     SwingFrame,
 )
-from garment_jax.swing.network import SwingCarry, at_rest, cells_moved, seen_gates, swing_step
-from garment_jax.swing.tables import LEVELS, SwingTables
+from garment_jax.swing.network import at_rest, cells_moved, seen_gates, swing_step
+from garment_jax.swing.tables import LEVELS
 
 SETTLED = 2.0  # frames after which the anchors' acceleration is known
 
@@ -90,11 +91,11 @@ def swung(
 ) -> tuple[Float[Array, "n 3"], SwingState]:
     """Return the codes' frame `V` (metres, root frame) as the ring corrects it, and the next state."""
     frame, state = swing_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
-    gates = seen_gates(params, frame.seen, config=config.swing)
+    gates = seen_gates(params, jnp.asarray(frame.seen), config=config.swing)
     carry = swing_step(params, state.carry, frame, gates, tables=ring, config=config.swing)
     how = config.rollout
     drawn = {"weight": how.swing, "gain": how.gain, "reach": how.reach}
-    moved = cells_moved(V, carry.X, frame.anchor, tables=ring, **drawn)
+    moved = cells_moved(V, carry.X, jnp.asarray(frame.anchor), tables=ring, **drawn)
     # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
     spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
     return V + spread.T, state._replace(carry=carry)

@@ -16,7 +16,7 @@ from garment_jax.structs import FrameInput
 
 def posed(U: Float[Array, "*b n 3"], x: FrameInput, *, template: Template) -> Float[Array, "*b n 3"]:
     """Return garments in the networks' frame, as `decode` gives them, in the root frames of `x`, metres."""
-    return U if template.W is None else skin(U, jnp.asarray(template.W), x.R, x.t)
+    return U if template.W is None else skin(U, jnp.asarray(template.W), *_transforms(x))
 
 
 def unposed(V: Float[Array, "*b n 3"], x: FrameInput, *, template: Template) -> Float[Array, "*b n 3"]:
@@ -29,4 +29,11 @@ def unposed(V: Float[Array, "*b n 3"], x: FrameInput, *, template: Template) -> 
     invert = unskin
     for _ in range(V.ndim - 2):
         invert = jax.vmap(invert, (0, None, 0, 0))
-    return invert(V, jnp.asarray(template.W), x.R, x.t)[0]
+    return invert(V, jnp.asarray(template.W), *_transforms(x))[0]
+
+
+def _transforms(x: FrameInput) -> tuple[Array, Array]:
+    """Return what poses a canonical garment; `motion_input` puts it into every frame's input."""
+    assert x.R is not None
+    assert x.t is not None
+    return jnp.asarray(x.R), jnp.asarray(x.t)

@@ -75,7 +75,7 @@ def motion_loss(
     `frozen` are the generative model's parameters: gradients pass through, nothing updates them.
     """
     gate_key, state_key = jax.random.split(key)
-    gates = noisy_gates(params, gate_key, batch.x.M, template, config)
+    gates = noisy_gates(params, gate_key, jnp.asarray(batch.x.M), template, config)
 
     def frame(carry: MotionCarry, inputs):
         x, gates, V_star, Z_star, key = inputs

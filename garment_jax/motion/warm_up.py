@@ -107,7 +107,7 @@ def warm_up_loss(
 ) -> tuple[jax.Array, tuple[WarmUpCarry, dict[str, jax.Array]]]:
     """Return the weighted mean loss of a window, the carry after it and the terms; the key is consumed."""
     gate_key, state_key = jax.random.split(key)
-    gates = noisy_gates(params, gate_key, batch.x.M, template, config)
+    gates = noisy_gates(params, gate_key, jnp.asarray(batch.x.M), template, config)
     fresh = batch.fresh
     begun = WarmUpCarry(
         jnp.where(fresh[:, None], 0.0, carry.h),

@@ -28,8 +28,8 @@ from garment_jax.programs import ProgramStore
 from garment_jax.progress import FrameProgress
 from garment_jax.rollout.misfit import check_parameters
 from garment_jax.rollout.model import Model, check_rate, facts_of, template_for, without_swing
+from garment_jax.rollout.network_rollout import make_network_rollout
 from garment_jax.rollout.plan import ScenePlan, make_plan
-from garment_jax.rollout.rollers import make_roller
 from garment_jax.rollout.stream import Chunk, PostprocessStream
 from garment_jax.structs import Motion, Scene
 
@@ -93,7 +93,7 @@ def make_animator(
     )
     joints = model.config.body.motion_joints
     begin = make_start(template, seeds, model.config.body.tau)
-    roll = make_roller(model, scene, template, detail=detail, programs=programs, facts=facts)
+    roll = make_network_rollout(model, scene, template, detail=detail, programs=programs, facts=facts)
 
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
         check_rate(model, motion, name)

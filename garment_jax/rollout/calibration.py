@@ -24,7 +24,7 @@ from garment_jax.structs import Motion, Scene
 
 FRAMES = 32  # a chunk of the measured rollouts
 CHUNKS = 12
-AHEAD = 2  # chunks that the networks are ahead of what is handed out (`ahead.py`)
+AHEAD = 2  # chunks that the networks are ahead of what is handed out (`prefetch.py`)
 # While the first chunk's collisions compile the next ones are made ahead, and at the end nothing is left to
 # make: both would show the last stage alone.
 COUNTED = slice(2 + AHEAD, -AHEAD)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from garment_jax.config import Config
@@ -39,7 +40,7 @@ def rollout(
     V = jax.lax.map(finished, (V, Z, x))
     if state.swing is None:
         return RolloutState(codes), V
-    from garment_jax.rollout.swing import swing_frames_of
+    from garment_jax.swing.rollout import swing_frames_of
 
     swing, V = swing_frames_of(params, state.swing, x, V, template=template, config=config)
     return RolloutState(codes, swing), V
@@ -49,7 +50,7 @@ def latent_rollout(
     params: dict, state: MotionCarry, x: FrameInput, *, template: Template, config: Config
 ) -> tuple[MotionCarry, Float[Array, "t *b latent"], Float[Array, "t *b n 3"]]:
     """Return the codes' state after the frames, the codes and garments before detail, networks' frame."""
-    gates = motion_gates(params["motion"], x.M, template=template)
+    gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
     if not config.motion.previous_state:
         return _memoryless_rollout(params, state, gates, template=template, config=config)
 
@@ -88,7 +89,7 @@ def in_blocks(f: Callable[[jax.Array], jax.Array], x: jax.Array, size: int) -> j
     rows = x[: t - t % size].reshape(t // size, size, *x.shape[1:])
     y = jax.lax.map(f, rows)
     y = y.reshape(-1, *y.shape[2:])
-    return jax.numpy.concatenate([y, f(x[t - t % size :])]) if t % size else y
+    return jnp.concatenate([y, f(x[t - t % size :])]) if t % size else y
 
 
 def make_rollout(

@@ -1,6 +1,6 @@
 """One frame in, one frame out (paper 3.3 and 3.4): the causal pair `init_state` and `step`."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,14 +11,14 @@ from garment_jax.data.template import Template
 from garment_jax.generative.canonical import posed
 from garment_jax.generative.network import decode
 from garment_jax.motion.network import MotionCarry, held_back, last_frame, motion_code, motion_gates
-from garment_jax.structs import FrameInput
+from garment_jax.structs import FrameInput, SwingCarry
 
 
 class RolloutState(NamedTuple):
     """What a rollout carries from frame to frame."""
 
     codes: MotionCarry
-    swing: Any = None  # of the swing's ring (swing.network.SwingCarry); None: codes alone
+    swing: SwingCarry | None = None  # of the swing's ring; None: codes alone
 
 
 def init_state(
@@ -80,12 +80,12 @@ def step(
     "swing" too, and `x` is from `model_input` (`ValueError` if not). Leading axes `*b` of `state` and `x`
     are motions side by side.
     """
-    gates = motion_gates(params["motion"], x.M, template=template)
+    gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
     codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
     V = finish(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
     if state.swing is None:
         return RolloutState(codes), V
-    from garment_jax.rollout.swing import swing_frame
+    from garment_jax.swing.rollout import swing_frame
 
     swing, V = swing_frame(params, state.swing, x, V, template=template, config=config)
     return RolloutState(codes, swing), V

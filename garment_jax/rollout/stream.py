@@ -19,8 +19,8 @@ from garment_jax.postprocess.figures import FrameFigures
 from garment_jax.postprocess.pipeline import BodyFrame, contact_init, contact_step, shape_init, shape_step
 from garment_jax.postprocess.tables import ContactTables, make_contact_tables, make_shape_tables
 from garment_jax.programs import ProgramStore
-from garment_jax.rollout.ahead import one_ahead
 from garment_jax.rollout.chunks import ChunkPrograms, compile_chunks, solver_options
+from garment_jax.rollout.prefetch import prefetch
 from garment_jax.rollout.reach import Reach, beyond_reach, cloth_reach
 from garment_jax.structs import Garment, Motion, Scene
 
@@ -82,7 +82,7 @@ class PostprocessStream:
         networks' padded chunk `[chunk, n, 3]` (metres, root frames), in their order.
         """
         state = None
-        for frames, posed, V in one_ahead(self._shaped(motion, len(root), one_ahead(pieces))):
+        for frames, posed, V in prefetch(self._shaped(motion, len(root), prefetch(pieces))):
             figures = None
             if self._collider is not None and (state is not None or self._may_touch(V, posed.pins)):
                 body = body_frames(posed, len(V))

@@ -1,13 +1,12 @@
 """What a column sees of the motion: how its anchor moves, and where the body is beside it (host, causal)."""
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from garment_jax.body.carried import pose_carried
 from garment_jax.body.root_frame import carry_over, heading
-from garment_jax.structs import Motion, Scene
-from garment_jax.swing.tables import LEVELS, SwingTables, sector
+from garment_jax.data.template import SwingTables
+from garment_jax.structs import Motion, Scene, SwingFrame
+from garment_jax.swing.tables import LEVELS, sector
 
 # what counts as 1 in each feature, metres (a frame, for movements; a frame squared, for their change)
 OFFSET, MOVED, CHANGED, RADIUS, GREW = 0.03, 0.03, 0.015, 0.15, 0.03
@@ -18,15 +17,6 @@ MOST_TURN = 0.5  # radians a frame that a body leaves its cloth behind: 860 degr
 BEFORE = 2  # frames that the features of one frame look back
 AT_ONCE = 256  # frames: a long motion's body would fill the memory
 FEATURES = 9 + 2 * LEVELS  # numbers a column
-
-
-class SwingFrame(NamedTuple):
-    """One frame as the ring takes it; leading axes stack."""
-
-    seen: Any  # [a, FEATURES] features of each column
-    way: Any  # [a, 3] metres that each anchor moved since the last frame, in the column's frame
-    turn: Any  # [] radians that cloth which hangs in the world turns about +Y as seen from the root
-    anchor: Any  # [a, 3] metres, root frame
 
 
 def swing_frames(

@@ -6,26 +6,17 @@ other through circular convolutions. Everything is in the columns' own frames, s
 about the up axis by a column turns what comes out.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from garment_jax.config import SwingConfig
+from garment_jax.data.template import SwingTables
 from garment_jax.generative.blocks import along_channels
 from garment_jax.geometry.stencil import apply_stencil
 from garment_jax.motion.network import gru_step
-from garment_jax.swing.motion import FEATURES, LARGEST, MOVED, SwingFrame
-from garment_jax.swing.tables import SwingTables
-
-
-class SwingCarry(NamedTuple):
-    """What the ring carries from frame to frame; columns' frames."""
-
-    X: jax.Array  # [*b, a, h, 3] metres from the anchors, the last frame's cells
-    moved: jax.Array  # [*b, a, h, 3] metres that they moved in that frame
-    h: jax.Array  # [*b, a, hidden]
+from garment_jax.structs import SwingCarry, SwingFrame
+from garment_jax.swing.motion import FEATURES, LARGEST, MOVED
 
 
 def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
@@ -83,8 +74,9 @@ def swing_step(
 
     `kept` is multiplied with the first layer (dropout while training).
     """
-    hung = turned(carry.X, frame.turn) - frame.way[..., None, :]
-    moved = turned(carry.moved, frame.turn)
+    turn = jnp.asarray(frame.turn)
+    hung = turned(carry.X, turn) - frame.way[..., None, :]
+    moved = turned(carry.moved, turn)
     flat = (*hung.shape[:-2], 3 * config.rows)
     typical, scale = (jnp.broadcast_to(x, hung.shape) for x in (tables.typical, tables.scale))
     state = carry.h
@@ -126,7 +118,7 @@ def roll_swing(
         carry = swing_step(params, carry, *inputs, tables=tables, config=config, kept=kept)
         return carry, carry.X
 
-    gates = seen_gates(params, frames.seen, config=config)
+    gates = seen_gates(params, jnp.asarray(frames.seen), config=config)
     return jax.lax.scan(frame, carry, (frames, gates))
 
 

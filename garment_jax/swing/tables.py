@@ -1,16 +1,14 @@
 """The ring of columns around a garment: made once from its template (static, host)."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from garment_jax.body.carried import Carried, carried_points
+from garment_jax.body.carried import carried_points
 from garment_jax.body.kinematics import collider_points
 from garment_jax.body.vertex_sample import spread_vertices
 from garment_jax.config import SwingConfig
 from garment_jax.data.content_hash import mesh_hash
-from garment_jax.data.template import SeenBody
-from garment_jax.geometry.stencil import Stencil, make_stencil
+from garment_jax.data.template import SeenBody, SwingTables
+from garment_jax.geometry.stencil import make_stencil
 from garment_jax.geometry.ways import ways_to_pins
 from garment_jax.structs import Collider, Scene
 
@@ -18,24 +16,6 @@ BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body
 LEVELS = 12  # heights at which the body's radius is read
 ABOVE, BELOW = 0.4, 1.35  # lengths of cloth from the anchors that the levels span
 SPREAD = 0.13  # parts of its distance from the anchor that a cell strays from where it hangs (shared skirt)
-
-
-class SwingTables(NamedTuple):
-    """A garment as `a` columns of `h` cells; metres."""
-
-    frames: np.ndarray  # [a, 3, 3] rows: outward, around the body, up; root frame -> the column's own
-    anchors: np.ndarray  # [a, p] weights of the pins that carry a column; rows sum to 1
-    centre: np.ndarray  # [a, 3] canonical anchors less their mean, in the columns' frames
-    rest: np.ndarray  # [a, h, 3] the template's cells, from their anchors, in the columns' frames
-    typical: np.ndarray  # [h, 3] their mean over the columns
-    scale: np.ndarray  # [h, 1] what counts as 1, metres
-    filled: np.ndarray  # [a, h] 1 where a cell holds cloth, else 0
-    share: np.ndarray  # [a, h] part of the garment's vertices in a cell
-    down: Stencil  # vertices -> cells, the mean around each
-    up: Stencil  # cells -> vertices, a smooth surface that is 0 at the pins
-    levels: np.ndarray  # [LEVELS + 1] borders of the heights above the anchors' mean, metres, falling
-    farthest: float  # metres; a body farther from the axis counts as that far
-    carried: Carried  # pins, then points of the collider
 
 
 def make_swing_tables(scene: Scene, *, config: SwingConfig, seen: SeenBody | None = None) -> SwingTables:

@@ -8,10 +8,9 @@ import jax.numpy as jnp
 import optax
 
 from garment_jax.config import SwingConfig
-from garment_jax.structs import TrainState
-from garment_jax.swing.motion import SwingFrame
-from garment_jax.swing.network import SwingCarry, roll_swing
-from garment_jax.swing.tables import SwingTables
+from garment_jax.data.template import SwingTables
+from garment_jax.structs import SwingCarry, SwingFrame, TrainState
+from garment_jax.swing.network import roll_swing
 
 ERROR_FLOOR = 1e-8  # m2 under the root: no infinite gradient at zero error
 

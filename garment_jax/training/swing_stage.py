@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.data.lanes import make_schedule
-from garment_jax.rollout.swing import make_swing_rollout, roll_clip
+from garment_jax.data.template import SwingTables
 from garment_jax.swing.network import at_rest, init_swing
-from garment_jax.swing.tables import SwingTables, make_swing_tables
+from garment_jax.swing.rollout import make_swing_rollout, roll_clip
+from garment_jax.swing.tables import make_swing_tables
 from garment_jax.swing.train_step import make_swing_train_step
 from garment_jax.training.begin_from import begun_from, has_part, other_ring
 from garment_jax.training.run import Run, optimise, say

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.config import SwingConfig
+from garment_jax.data.template import SwingTables
 from garment_jax.rollout.model import Model
-from garment_jax.structs import Motion
-from garment_jax.swing.motion import SwingFrame, swing_frames
+from garment_jax.structs import Motion, SwingFrame
+from garment_jax.swing.motion import swing_frames
 from garment_jax.swing.network import init_swing
-from garment_jax.swing.tables import SwingTables, make_swing_tables
+from garment_jax.swing.tables import make_swing_tables
 from tests.reference.scene import make_motion
 from tests.rollout.tiny_model import SCENE, drawn, tiny_model
 

@@ -14,15 +14,15 @@ from garment_jax.programs import ProgramStore
 from garment_jax.rollout.animate import make_animator
 from garment_jax.rollout.clips import rollout_batch, rollout_many
 from garment_jax.rollout.model import Model, facts_of, model_input, skinned_template, without_swing
+from garment_jax.rollout.network_rollout import make_network_rollout
 from garment_jax.rollout.plan import make_plan
-from garment_jax.rollout.rollers import make_roller
 from garment_jax.rollout.scan import make_rollout
 from garment_jax.rollout.step import RolloutState, init_state, step
-from garment_jax.rollout.swing import make_swing_rollout, roll_clip, seen_in, swing_frames_of
 from garment_jax.rollout.variants import VARIANTS, apply_variant, variants_of
 from garment_jax.structs import FrameInput, Motion
 from garment_jax.swing.motion import swing_frames
 from garment_jax.swing.network import at_rest, cells_of
+from garment_jax.swing.rollout import make_swing_rollout, roll_clip, seen_in, swing_frames_of
 from tests.reference.scene import make_motion
 from tests.reference.tiny_swing import SWING, motion, params, swinging_model, tables
 from tests.rollout.tiny_model import CONFIG, SCENE, canonical_model, inputs_of, seeds, template, tiny_model
@@ -108,7 +108,7 @@ def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
     np.testing.assert_allclose(np.stack(frames), V, atol=1e-5, rtol=0)
     alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.codes), x)[1]
     assert np.abs(np.asarray(alone) - V).max() > 0.01
-    roll = make_roller(model, SCENE, tables_, detail=True, programs=ProgramStore(None), facts={})
+    roll = make_network_rollout(model, SCENE, tables_, detail=True, programs=ProgramStore(None), facts={})
     inputs = inputs_of(clip)
     pieces = list(roll(clip, skinned_template(model, tables_, seeds(), inputs)))
     assert [start for start, _ in pieces] == [0, 16]
@@ -190,7 +190,7 @@ def test_variants_of_a_model_with_a_swing_and_without():
 def test_codes_alone_do_not_import_the_swing(monkeypatch: pytest.MonkeyPatch):
     for name in [name for name in sys.modules if name.startswith("garment_jax.swing")]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.delitem(sys.modules, "garment_jax.rollout.swing", raising=False)
+    monkeypatch.delitem(sys.modules, "garment_jax.swing.rollout", raising=False)
     make_animator(tiny_model(), SCENE, collision=False)
     make_animator(without_swing(swinging_model()), SCENE, collision=False)
     assert not any(name.startswith("garment_jax.swing") for name in sys.modules)

@@ -8,7 +8,8 @@ import numpy as np
 
 from garment_jax.config import SwingConfig
 from garment_jax.motion.network import gru_step
-from garment_jax.swing.motion import MOVED, SwingFrame
+from garment_jax.structs import SwingFrame
+from garment_jax.swing.motion import MOVED
 from garment_jax.swing.network import (
     SwingCarry,
     at_rest,

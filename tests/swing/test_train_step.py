@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from garment_jax.config import TrainingConfig
-from garment_jax.structs import TrainState
+from garment_jax.structs import SwingCarry, TrainState
 from garment_jax.swing import train_step
-from garment_jax.swing.network import SwingCarry, roll_swing, seen_gates, swing_step
+from garment_jax.swing.network import roll_swing, seen_gates, swing_step
 from garment_jax.swing.train_step import SwingBatch, begin_lanes, make_swing_train_step, swing_loss
 from garment_jax.training.optimiser import make_optimiser
 from tests.reference.tiny_swing import SWING, frames, params, tables

@@ -13,10 +13,9 @@ import pytest
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.config import Config, SimulationConfig, SwingConfig
 from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, prepare, prepared_in_memory
-from garment_jax.data.template import canonical_weights
+from garment_jax.data.template import SwingTables, canonical_weights
 from garment_jax.simulation import many
 from garment_jax.structs import TrainState
-from garment_jax.swing.tables import SwingTables
 from garment_jax.swing.train_step import SwingBatch
 from garment_jax.training import pipeline, simulated_clips, swing_stage
 from garment_jax.training.checkpoint import Checkpointer

@@ -7,7 +7,7 @@ import pytest
 
 from garment_jax.data.lanes import make_schedule
 from garment_jax.data.prepared import DataSet, prepare
-from garment_jax.swing.motion import SwingFrame
+from garment_jax.structs import SwingFrame
 from garment_jax.training.swing_clips import SwingClip, batches, swing_clips
 from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_swing import tables

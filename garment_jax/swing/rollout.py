@@ -5,16 +5,16 @@ from functools import partial
 from operator import itemgetter
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from garment_jax.config import Config, SwingConfig
 from garment_jax.data.lanes import repeated_last
-from garment_jax.data.template import Template
-from garment_jax.structs import FrameInput, Motion, Scene
-from garment_jax.swing.motion import FEATURES, SwingFrame, swing_frames
-from garment_jax.swing.network import SwingCarry, corrected, roll_swing, seen_gates, swing_step
-from garment_jax.swing.tables import SwingTables
+from garment_jax.data.template import SwingTables, Template
+from garment_jax.structs import FrameInput, Motion, Scene, SwingCarry, SwingFrame
+from garment_jax.swing.motion import FEATURES, swing_frames
+from garment_jax.swing.network import corrected, roll_swing, seen_gates, swing_step
 
 
 def swing_frame(
@@ -32,8 +32,8 @@ def swing_frame(
     that holds nothing for it.
     """
     frame = _seen(x)
-    gates = seen_gates(params["swing"], frame.seen, config=config.swing)
-    carry = swing_step(params["swing"], carry, frame, gates, tables=template.ring, config=config.swing)
+    gates = seen_gates(params["swing"], jnp.asarray(frame.seen), config=config.swing)
+    carry = swing_step(params["swing"], carry, frame, gates, tables=_ring(template), config=config.swing)
     return carry, _drawn(V, carry.X, frame, template, config)
 
 
@@ -48,7 +48,7 @@ def swing_frames_of(
 ) -> tuple[SwingCarry, Float[Array, "t *b n 3"]]:
     """Return `swing_frame` of all frames: the ring's state after them, and the corrected frames."""
     frames = _seen(x)
-    carry, X = roll_swing(params["swing"], carry, frames, tables=template.ring, config=config.swing)
+    carry, X = roll_swing(params["swing"], carry, frames, tables=_ring(template), config=config.swing)
 
     def drawn(frame: tuple[jax.Array, jax.Array, SwingFrame]) -> jax.Array:
         return _drawn(*frame, template, config)
@@ -60,7 +60,12 @@ def swing_frames_of(
 def _drawn(V: jax.Array, X: jax.Array, frame: SwingFrame, template: Template, config: Config) -> jax.Array:
     how = config.rollout
     drawn = {"weight": how.swing, "gain": how.gain, "reach": how.reach}
-    return corrected(V, X, frame.anchor, tables=template.ring, **drawn)
+    return corrected(V, X, jnp.asarray(frame.anchor), tables=_ring(template), **drawn)
+
+
+def _ring(template: Template) -> SwingTables:
+    assert template.ring is not None  # `template_for` makes it where a model has a swing
+    return template.ring
 
 
 def _seen(x: FrameInput) -> SwingFrame:
@@ -72,7 +77,7 @@ def _seen(x: FrameInput) -> SwingFrame:
 def seen_in(scene: Scene, ring: SwingTables, chunk: int, motion: Motion, start: int) -> SwingFrame:
     """Return what the ring takes of a chunk of `motion` from `start` on, its last frame repeated (host)."""
     frames = swing_frames(motion, scene, ring, slice(start, min(start + chunk, len(motion.root))))
-    return SwingFrame(*(repeated_last(leaf, chunk) for leaf in frames))
+    return SwingFrame(*(repeated_last(np.asarray(leaf), chunk) for leaf in frames))
 
 
 def unseen(ring: SwingTables, chunk: int) -> SwingFrame:

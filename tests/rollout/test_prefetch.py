@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import jax
 import pytest
 
-from garment_jax.rollout.ahead import one_ahead
+from garment_jax.rollout.prefetch import prefetch
 
 
 def test_the_next_item_is_computed_while_this_one_is_used():
@@ -17,7 +17,7 @@ def test_the_next_item_is_computed_while_this_one_is_used():
         computed.set()
         yield 1
 
-    ahead = one_ahead(items())
+    ahead = prefetch(items())
     assert next(ahead) == 0
     assert computed.wait(timeout=10)  # without anybody asking for it
     assert list(ahead) == [1]
@@ -39,15 +39,15 @@ def test_two_stages_are_computed_while_the_third_is_used():
                 second.set()
             yield 10 * i
 
-    ahead = one_ahead(shaped(one_ahead(items())))
+    ahead = prefetch(shaped(prefetch(items())))
     assert next(ahead) == 0
     assert second.wait(timeout=10)
     assert list(ahead) == [10, 20]
 
 
 def test_order_and_number_are_kept_and_nothing_comes_of_nothing():
-    assert list(one_ahead(iter(range(7)))) == list(range(7))
-    assert list(one_ahead(iter([]))) == []
+    assert list(prefetch(iter(range(7)))) == list(range(7))
+    assert list(prefetch(iter([]))) == []
 
 
 def test_an_error_comes_after_the_items_before_it():
@@ -55,7 +55,7 @@ def test_an_error_comes_after_the_items_before_it():
         yield 1
         raise ValueError("second")
 
-    ahead = one_ahead(items())
+    ahead = prefetch(items())
     assert next(ahead) == 1
     with pytest.raises(ValueError, match="second"):
         next(ahead)
@@ -71,7 +71,7 @@ def test_who_stops_early_does_not_wait_for_the_item_being_computed():
                 gate.wait(60)
             yield i
 
-    ahead = one_ahead(items())
+    ahead = prefetch(items())
     next(ahead)
     ahead.close()  # type: ignore[attr-defined]
     assert not gate.is_set()
@@ -89,5 +89,5 @@ def test_the_callers_device_is_taken_along():
         yield jax.config.jax_default_device
 
     with jax.default_device(device):
-        assert list(one_ahead(items())) == [device]
-    assert list(one_ahead(items())) == [None]
+        assert list(prefetch(items())) == [device]
+    assert list(prefetch(items())) == [None]

@@ -10,7 +10,7 @@ import jax
 T = TypeVar("T")
 
 
-def one_ahead(items: Iterator[T]) -> Iterator[T]:
+def prefetch(items: Iterator[T]) -> Iterator[T]:
     """Yield `items` in order, the next one being computed on a thread while the caller uses this one.
 
     Nothing that a rollout feeds back depends on collision handling, so the two overlap. A thread, since JAX

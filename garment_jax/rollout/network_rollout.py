@@ -20,10 +20,10 @@ from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput, Motion, Scene
 
 # (motion, V_start [n, 3] in the networks' frame) -> (first frame, V [chunk, n, 3] metres, root frames), ...
-Roller = Callable[[Motion, jax.Array], Iterator[tuple[int, jax.Array]]]
+NetworkRollout = Callable[[Motion, jax.Array], Iterator[tuple[int, jax.Array]]]
 
 
-def make_roller(
+def make_network_rollout(
     model: Model,
     scene: Scene,
     template: Template,
@@ -31,7 +31,7 @@ def make_roller(
     detail: bool,
     programs: ProgramStore,
     facts: dict[str, Any],
-) -> Roller:
+) -> NetworkRollout:
     """Return the function that rolls motions out; it begins to compile at once.
 
     It makes the networks' inputs as it goes, `AT_ONCE` frames at a time: a long motion's would fill the
@@ -41,7 +41,7 @@ def make_roller(
     state = init_state(model.params, jnp.zeros((model.vertices, 3)), template=template, config=model.config)
     frames, look = _still(chunk, d, len(scene.body.joints)), None
     if template.ring is not None:
-        from garment_jax.rollout.swing import seen_in, unseen
+        from garment_jax.swing.rollout import seen_in, unseen
 
         frames = frames._replace(swing=unseen(template.ring, chunk))
         look = partial(seen_in, scene, template.ring, chunk)
@@ -69,4 +69,5 @@ def make_roller(
 def _still(chunk: int, d: int, j: int) -> FrameInput:
     """Return frames of zeros in the shapes of a chunk's, to compile with."""
     shapes = ((d,), (3, 3), (3,), (j, 3, 3), (j, 3))
-    return FrameInput(*(np.zeros((chunk, *shape), np.float32) for shape in shapes))
+    M, turn, shift, R, t = (np.zeros((chunk, *shape), np.float32) for shape in shapes)
+    return FrameInput(M, turn, shift, R, t)
