@@ -10,11 +10,11 @@ import optax
 
 from garment_jax.baselines.pan_network import Rig, low_mesh, residual
 from garment_jax.baselines.recurrent import dense, first_hidden, hidden_states, recur
-from garment_jax.baselines.streaming import side_by_side
 from garment_jax.config import DetailConfig
 from garment_jax.data.prepared import frames_of
 from garment_jax.data.template import Template
 from garment_jax.detail.losses import detail_terms
+from garment_jax.rollout.clips import stack_motions
 from garment_jax.structs import TrainState
 from garment_jax.training.run import Run, optimise, say
 
@@ -53,7 +53,7 @@ def _hidden_shape(params: dict, batch: ResidualBatch) -> tuple[int, int]:
 def low_motions(low: dict, x: list[np.ndarray]) -> list[np.ndarray]:
     """Return the smooth part's rollout of each clip, standardised bone motions `[t, 6 b]`."""
     h = np.zeros((len(x), len(first_hidden(low))), np.float32)
-    out = np.asarray(jax.jit(recur)(low, h, side_by_side(x))[1])
+    out = np.asarray(jax.jit(recur)(low, h, stack_motions(x, 1)[0])[1])
     return [out[: len(clip), i] for i, clip in enumerate(x)]
 
 

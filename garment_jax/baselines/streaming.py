@@ -11,6 +11,8 @@ from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
 from garment_jax.data.content_hash import rollout_hash
 from garment_jax.data.template import scene_template
+from garment_jax.rollout.clips import Rollout, rollout_chunks, stack_motions
+from garment_jax.rollout.clips import rollout_batch as roll_side_by_side
 from garment_jax.rollout.model import Model, check_rate
 from garment_jax.rollout.stream import Chunk, PostprocessStream
 from garment_jax.structs import Motion, Scene
@@ -23,10 +25,6 @@ class Beginning(NamedTuple):
     state: Any  # before the first frame; leaves without a motion axis
     root: np.ndarray  # [t, 3] float64 metres
     yaw: np.ndarray  # [t] radians
-
-
-# (params, state leaves [*b, ...], x leaves [t, *b, ...]) -> (state, V [t, *b, n, 3] metres, root frames)
-Rollout = Callable[[Any, Any, Any], tuple[Any, jax.Array]]
 
 
 class Live(NamedTuple):
@@ -90,7 +88,8 @@ def make_runner(
 
     def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
         made = stream(scene, motion, name)
-        pieces = _chunks(made.run, made.state, made.x, chunk)
+        x = one_motion(made.x, chunk)
+        pieces = rollout_chunks(compiled(scene, name).run, model.params, made.state, x, chunk=chunk)
         yield from compiled(scene, name).postprocess(motion, made.root, made.yaw, pieces)
 
     def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
@@ -98,10 +97,8 @@ def make_runner(
         for motion in motions:
             check_rate(model, motion, name)
         begun = [made.live.begin(motion) for motion in motions]
-        x, state = side_by_side([b.x for b in begun]), stacked([b.state for b in begun], axis=0)
-        pieces = _chunks(lambda state, x: made.run(model.params, state, x), state, x, chunk)
-        V = np.concatenate([np.asarray(piece) for _, piece in pieces])
-        return [V[: len(b.root), i] for i, b in enumerate(begun)]
+        state = jax.tree.map(lambda *leaves: np.stack(leaves), *(b.state for b in begun))
+        return roll_side_by_side(made.run, model.params, state, [b.x for b in begun], chunk=chunk)
 
     return Runner(model.params, count(model.params), animate, rollout_batch, stream)
 
@@ -111,29 +108,6 @@ def count(params: Any) -> int:
     return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(params))
 
 
-def stacked(trees: Sequence[Any], *, axis: int) -> Any:
-    """Return trees of one shape as one, with a new axis."""
-    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=axis), *trees)
-
-
-def side_by_side(inputs: Sequence[Any]) -> Any:
-    """Return motions' inputs (leaves `[t_i, ...]`) as `[t, b, ...]`; shorter ones repeat their last frame."""
-    longest = max(len(jax.tree.leaves(x)[0]) for x in inputs)
-    return stacked([_extended(x, longest) for x in inputs], axis=1)
-
-
-def _extended(x: Any, frames: int) -> Any:
-    return jax.tree.map(
-        lambda leaf: np.concatenate([leaf, np.repeat(leaf[-1:], frames - len(leaf), axis=0)]), x
-    )
-
-
-def _chunks(
-    run: Callable[[Any, Any], tuple[Any, jax.Array]], state: Any, x: Any, chunk: int
-) -> Iterator[tuple[int, jax.Array]]:
-    """Yield (first frame, V of `chunk` frames); the last chunk is padded, so that all share one program."""
-    frames = len(jax.tree.leaves(x)[0])
-    for start in range(0, frames, chunk):
-        piece = _extended(jax.tree.map(lambda leaf: leaf[start : start + chunk], x), chunk)  # noqa: B023
-        state, V = run(state, piece)
-        yield start, V
+def one_motion(x: Any, chunk: int) -> Any:
+    """Return a motion's inputs (leaves `[t, ...]`) padded to a multiple of `chunk` frames."""
+    return jax.tree.map(lambda leaf: leaf[:, 0], stack_motions([x], chunk)[0])

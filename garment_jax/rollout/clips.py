@@ -1,38 +1,51 @@
-"""Several motions of different lengths rolled out side by side, chunk by chunk."""
+"""Several motions of different lengths rolled out side by side, chunk by chunk: by ours or any causal method.
+
+A method is a pure function (params, state, x) -> (state, V): `x` holds the inputs of t frames, leaves
+`[t, *b, ...]`, `state` what the frame before them left, leaves `[*b, ...]`.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from operator import itemgetter
 
 import jax
 import numpy as np
+from jaxtyping import Bool, PyTree
 
-from garment_jax.rollout.step import RolloutState
 from garment_jax.structs import FrameInput
 
+# (params, state, x [t, *b, ...]) -> (state, V [t, *b, n, 3] metres, root frames)
+Rollout = Callable[[PyTree, PyTree, PyTree], tuple[PyTree, jax.Array]]
 
-def stack_motions(motions: Sequence[FrameInput], chunk: int) -> tuple[FrameInput, np.ndarray]:
-    """Return the motions as `[t, b, ...]`, t a multiple of `chunk`, and the mask `[t, b]` of real frames.
 
-    Shorter motions repeat their last frame at rest (no turn, no shift): the padding computes something
-    finite that nobody reads, and all clips share one compiled program.
+def stack_motions(motions: Sequence[PyTree], chunk: int) -> tuple[PyTree, Bool[np.ndarray, "t b"]]:
+    """Return the motions as `[t, b, ...]`, t a multiple of `chunk`, and the mask of real frames.
+
+    Shorter motions repeat their last frame (ours at rest, without turn and shift): the padding computes
+    something finite that nobody reads, and all clips share one compiled program.
     Raises `ValueError` without a motion, for a motion without frames and for a chunk below 1.
     """
     _check_chunk(chunk)
     if not motions:
         raise ValueError("motions is empty; give at least one motion to roll out.")
-    lengths = [len(motion.M) for motion in motions]
+    lengths = [frame_count(motion) for motion in motions]
     if min(lengths) == 0:
         raise ValueError(f"motion {lengths.index(0)} has 0 frames; leave it out.")
     total = -(-max(lengths) // chunk) * chunk
 
-    def padded(motion: FrameInput) -> FrameInput:
-        more = total - len(motion.M)
+    def padded(motion: PyTree) -> PyTree:
+        more = total - frame_count(motion)
         still = jax.tree.map(itemgetter(-1), motion)
-        still = still._replace(turn=np.eye(3, dtype=np.float32), shift=np.zeros(3, np.float32))
+        if isinstance(still, FrameInput):
+            still = still._replace(turn=np.eye(3, dtype=np.float32), shift=np.zeros(3, np.float32))
         return jax.tree.map(lambda a, b: np.concatenate([a, np.repeat(b[None], more, axis=0)]), motion, still)
 
     stacked = jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *map(padded, motions))
     return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
+
+
+def frame_count(x: PyTree) -> int:
+    """Return how many frames inputs are of, leaves `[t, ...]`."""
+    return len(jax.tree.leaves(x)[0])
 
 
 def _check_chunk(chunk: int) -> None:
@@ -40,27 +53,28 @@ def _check_chunk(chunk: int) -> None:
         raise ValueError(f"chunk = {chunk} must be 1 or more frames; 32 is a good start.")
 
 
-def _check_states(state: RolloutState, motions: Sequence[FrameInput]) -> None:
-    states = len(jax.tree.leaves(state)[0])
+def _check_states(state: PyTree, motions: Sequence[PyTree]) -> None:
+    leaves = jax.tree.leaves(state)  # none of a method that carries nothing
+    states = len(leaves[0]) if leaves else len(motions)
     if states != len(motions):
         raise ValueError(f"{len(motions)} motions but {states} states; give `state` one row a motion.")
 
 
 def rollout_chunks(
-    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
-    params: dict,
-    state: RolloutState,
-    x: FrameInput,
+    run: Rollout,
+    params: PyTree,
+    state: PyTree,
+    x: PyTree,
     *,
     chunk: int,
 ) -> Iterator[tuple[int, jax.Array]]:
-    """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is from `make_rollout`.
+    """Yield `(first frame, V [chunk, *b, n, 3])` over `x` `[t, *b, ...]`; `run` is compiled.
 
     Raises `ValueError` unless `chunk` is 1 or more and divides t
     (`stack_motions` pads).
     """
     _check_chunk(chunk)
-    frames = len(x.M)
+    frames = frame_count(x)
     if frames % chunk:
         raise ValueError(f"chunk = {chunk} does not divide {frames} frames; pad the motion first.")
     for start in range(0, frames, chunk):
@@ -70,10 +84,10 @@ def rollout_chunks(
 
 
 def rollout_batch(
-    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
-    params: dict,
-    state: RolloutState,
-    motions: Sequence[FrameInput],
+    run: Rollout,
+    params: PyTree,
+    state: PyTree,
+    motions: Sequence[PyTree],
     *,
     chunk: int,
 ) -> list[np.ndarray]:
@@ -84,14 +98,14 @@ def rollout_batch(
     x, _ = stack_motions(motions, chunk)
     _check_states(state, motions)
     V = np.concatenate([np.asarray(v) for _, v in rollout_chunks(run, params, state, x, chunk=chunk)])
-    return [V[: len(motion.M), b] for b, motion in enumerate(motions)]
+    return [V[: frame_count(motion), b] for b, motion in enumerate(motions)]
 
 
 def rollout_many(
-    run: Callable[[dict, RolloutState, FrameInput], tuple[RolloutState, jax.Array]],
-    params: dict,
-    state: RolloutState,
-    motions: Sequence[FrameInput],
+    run: Rollout,
+    params: PyTree,
+    state: PyTree,
+    motions: Sequence[PyTree],
     *,
     chunk: int,
     lanes: int,
@@ -106,7 +120,7 @@ def rollout_many(
         raise ValueError(f"lanes = {lanes} must be 1 or more motions side by side.")
     _check_chunk(chunk)
     _check_states(state, motions)
-    order = sorted(range(len(motions)), key=lambda i: -len(motions[i].M))
+    order = sorted(range(len(motions)), key=lambda i: -frame_count(motions[i]))
     for first in range(0, len(order), lanes):
         group = order[first : first + lanes]
         filled = group + group[-1:] * (lanes - len(group))

@@ -10,7 +10,7 @@ from garment_jax.config import Config
 from garment_jax.data.template import Template
 from garment_jax.generative.network import decode
 from garment_jax.motion.network import MotionCarry, code_of, gru_step, motion_gates
-from garment_jax.rollout.step import RolloutState, finish, motion_step
+from garment_jax.rollout.step import RolloutState, detail_and_pose, motion_step
 from garment_jax.structs import FrameInput
 
 BLOCK = 16  # frames decoded side by side where none needs the one before it
@@ -34,7 +34,7 @@ def rollout(
     codes, Z, V = latent_rollout(params, state.codes, x, template=template, config=config)
 
     def finished(frame: tuple[jax.Array, jax.Array, FrameInput]) -> jax.Array:
-        return finish(params, *frame, template=template, config=config, detail=detail)
+        return detail_and_pose(params, *frame, template=template, config=config, detail=detail)
 
     # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
     V = jax.lax.map(finished, (V, Z, x))

@@ -82,7 +82,7 @@ def step(
     """
     gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
     codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
-    V = finish(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
+    V = detail_and_pose(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
     if state.swing is None:
         return RolloutState(codes), V
     from garment_jax.swing.rollout import swing_frame
@@ -91,7 +91,7 @@ def step(
     return RolloutState(codes, swing), V
 
 
-def finish(
+def detail_and_pose(
     params: dict,
     V: jax.Array,
     Z: jax.Array,
