@@ -234,11 +234,12 @@ def started(model: str, clip: str, out: str, *words: str, cache: str = "off") ->
 
 def test_what_is_off_is_not_imported(tmp_path: Path, model, clip):
     bare = started(model, clip, str(tmp_path / "a.h5"), "--no-collision", "--no-detail")
-    heavy = {"garment_jax.collision", "garment_jax.detail.network", "garment_jax.training.checkpoint"}
+    heavy = {"garment_jax.detail.network", "garment_jax.training.checkpoint"}
     assert not bare & (heavy | {"optax", "orbax.checkpoint", "matplotlib", "trimesh", "warp"})
     fine = started(model, clip, str(tmp_path / "b.h5"), "--no-collision", cache=str(tmp_path / "cache"))
     assert "garment_jax.detail.network" in fine
     assert len(list((tmp_path / "cache" / "programs").glob("rollout-*.program"))) == 1
+    assert not list((tmp_path / "cache" / "programs").glob("contacts*"))  # the solver is not even compiled
 
 
 def test_a_cache_that_cannot_be_written_breaks_nothing(tmp_path: Path, model, clip):
