@@ -41,7 +41,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    from garment_jax.cli.leaving import leave
+    from garment_jax.cli.exit import leave
     from garment_jax.cli.printable import show_safely
 
     show_safely()

@@ -24,9 +24,9 @@ import numpy as np
 from measured import report
 from sized import Case, dressed, make_case, sized_config
 
-from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import step
+from garment_jax.model.compose import step
+from garment_jax.model.generative.train_step import GenerativeBatch, make_generative_train_step
+from garment_jax.model.scan import make_rollout
 from garment_jax.structs import FrameInput, TrainState
 from garment_jax.training.optimiser import make_optimiser
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
 
 
 def rmse_cm(E: np.ndarray) -> float:

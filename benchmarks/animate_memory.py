@@ -18,7 +18,7 @@ from pathlib import Path
 from measured import report
 
 from garment_jax.body.looped_motion import looped_motion
-from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 
 INFER = Path(__file__).parents[1] / "infer.py"
 

@@ -32,11 +32,11 @@ import numpy as np
 from measured import report
 
 from garment_jax.body.kinematics import collider_points, pose_body
-from garment_jax.collision.solid import everything
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.surface_tables import make_surface_tables
 from garment_jax.geometry.winding_number import winding_number
+from garment_jax.io.sequence import open_sequence
+from garment_jax.postprocess.collision.solid import everything
 
 BOUNDS = {"float64": 1e-6, "float32": 1e-5}  # metres
 FAR = 0.05  # of the points

@@ -55,7 +55,7 @@ def main() -> None:
         words = [options.model, "--motion", options.clip, "--out", f"{folder}/out.h5"]
         words += [] if options.collision else ["--no-collision"]
         subprocess.run([sys.executable, str(ROOT / "infer.py"), "--help"], capture_output=True, check=True)
-        code = "import garment_jax.cli.infer, garment_jax.rollout.animate"
+        code = "import garment_jax.cli.infer, garment_jax.animation.animate"
         subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
         for name in ("nothing kept", "second start", "third start"):
             rows.append({"start": name, "first frames s": first_frames(words, f"{folder}/cache")})

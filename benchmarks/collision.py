@@ -27,19 +27,19 @@ import numpy as np
 import trimesh
 from measured import report
 
+from garment_jax.animation.chunks import Step, scan_frames, solver_options
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision import CollisionOptions, Outcome, make_collision_tables
-from garment_jax.collision.solid import everything
 from garment_jax.config import CollisionConfig
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.surface_tables import make_surface_tables
+from garment_jax.io.sequence import open_sequence
+from garment_jax.postprocess.collision import CollisionOptions, Outcome, make_collision_tables
+from garment_jax.postprocess.collision.solid import everything
 from garment_jax.postprocess.figures import FrameFigures, join_figures
 from garment_jax.postprocess.pipeline import BodyFrame, ContactState, contact_init, contact_step
 from garment_jax.postprocess.tables import ContactTables, make_contact_tables
-from garment_jax.rollout.chunks import Step, scan_frames, solver_options
 from garment_jax.structs import Scene
 
 STRETCH = 64  # frames a call

@@ -29,9 +29,15 @@ from collision_frame import EPS, Frame, moving_vertices, objective_mm, read_fram
 from collision_minimum import least_objective_mm
 from measured import report
 
-from garment_jax.collision import MESSAGES, CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.config import CollisionConfig
 from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.postprocess.collision import (
+    MESSAGES,
+    CollisionOptions,
+    Outcome,
+    initial_state,
+    resolve_collisions,
+)
 
 
 def package_rows(frame: Frame, moving: np.ndarray, locate) -> list[dict]:

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from collision_frame import EPS, REACH, Frame, objective_mm
 
-from garment_jax.collision.projection import lift
 from garment_jax.geometry.closest_point import closest_point_from
 from garment_jax.geometry.laplacian import laplacian
+from garment_jax.postprocess.collision.projection import lift
 
 REFRESH = 20  # steps between two searches for correspondences
 RUNS = 3  # timed

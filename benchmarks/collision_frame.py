@@ -10,16 +10,16 @@ import numpy as np
 
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.collision import (
+from garment_jax.config import CollisionConfig
+from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.geometry.laplacian import LaplacianTable, laplacian, uniform_table
+from garment_jax.io.sequence import open_sequence
+from garment_jax.postprocess.collision import (
     CollisionOptions,
     CollisionTables,
     make_collider_tables,
     make_collision_tables,
 )
-from garment_jax.config import CollisionConfig
-from garment_jax.data.sequence import open_sequence
-from garment_jax.geometry.closest_point import closest_point_exact
-from garment_jax.geometry.laplacian import LaplacianTable, laplacian, uniform_table
 
 EPS = CollisionConfig.eps
 RINGS = CollisionOptions().rings

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from garment_jax.config import Config
-from garment_jax.data.template import Template
+from garment_jax.dataset.template import Template
 
 FLOAT = 4  # bytes
 POINTWISE = 8  # FLOPs a number for statistics, normalisation and activation

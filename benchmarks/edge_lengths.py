@@ -18,12 +18,12 @@ import numpy as np
 from measured import report
 
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.lanes import repeated_last
-from garment_jax.data.sequence import Sequence, open_sequence
+from garment_jax.dataset.lanes import repeated_last
 from garment_jax.evaluation.cloth import edge_strain, laplacian_power, make_spectrum, rest_lengths
 from garment_jax.geometry.elastic import ElasticTables
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.postprocess import edge_lengths
 
 CHUNK = 32

@@ -20,8 +20,8 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import open_sequence
 
 ENDS = (0, 8, 16, 32, 64, 128, 256)  # eigenvectors, from smooth to fine
 

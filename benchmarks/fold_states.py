@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.cloth import laplacian_power, make_spectrum
 from garment_jax.evaluation.rmse import vertex_distance
+from garment_jax.io.sequence import open_sequence
 
 PARTS = 6
 

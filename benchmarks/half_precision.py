@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import load_model, save_model
+from garment_jax.animation.animate import animate
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import load_model, save_model
 from garment_jax.structs import Motion
 from garment_jax.training.pipeline import trained_model
 

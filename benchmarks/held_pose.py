@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
+from garment_jax.animation.animate import animate
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.body.vary import LEGS
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import Model, load_model
 from garment_jax.progress import FrameProgress
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import Model, load_model
 from garment_jax.simulation.command import cloth_settings, read_pattern
 from garment_jax.simulation.newton_cloth import drape, simulate_frames
 from garment_jax.stability.subject import relative_angles

@@ -17,10 +17,10 @@ import numpy as np
 from measured import report
 
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import open_sequence
 from garment_jax.progress import FrameProgress
 from garment_jax.simulation.command import cloth_settings, read_pattern
 from garment_jax.simulation.newton_cloth import drape, simulate_frames

@@ -18,9 +18,9 @@ from measured import report
 
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.triangle import cross, dot
 from garment_jax.geometry.winding_number import winding_number
+from garment_jax.io.sequence import open_sequence
 
 POINTS = 128  # at a time
 CLOSE = 1e-2  # to 0: the rough sum of 10,000 solid angles errs by 1e-3 at most

@@ -6,7 +6,7 @@
 The sequence, and the options, are those of `benchmarks/collision.py`. A tracer that notes the begin and the
 end of every operation takes longer than most of them; samples of the processor's place cost nothing. XLA
 writes each kernel's code into a file, where it lies in memory is found by its bytes, and the program's text
-says which function of ours (`geometry/apart.py`) it belongs to. Microseconds are a function's share of the
+says which function of ours (`geometry/noinline.py`) it belongs to. Microseconds are a function's share of the
 samples of the frame's time, which is measured without them; a function's copies in the program count as one,
 and of kernels with the same code any may be named ("_marks" for "_words"). "runtime" is XLA's own: starting
 kernels, matrix products, minima; "other" the C library and the kernel.

@@ -21,10 +21,10 @@ from measured import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import rmse
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.postprocess.limb_crossings import init_crossings, make_crossing_tables, undo_crossings
 
 

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
+from garment_jax.animation.animate import animate
 from garment_jax.body.looped_motion import looped_motion
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.boundary import hem_vertices
+from garment_jax.io.sequence import open_sequence
 from garment_jax.machine import peak_mb, resident_mb
-from garment_jax.rollout.animate import animate
 from garment_jax.training.pipeline import trained_model
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
+from garment_jax.animation.animate import animate
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
-from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import load_model
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import load_model
 from garment_jax.structs import Motion
 
 WAY = np.array([60.0, 0.0, -80.0])  # metres

@@ -20,7 +20,7 @@ from measured import report
 from pipeline_speed import CHUNK
 from sized import dressed, make_case, sized_config
 
-from garment_jax.rollout.scan import make_rollout
+from garment_jax.model.scan import make_rollout
 
 ROUNDS = 4
 FRAMING = ("jit(run)", "while", "body", "closed_call")  # of every operation's name

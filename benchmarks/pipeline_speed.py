@@ -29,15 +29,15 @@ from measured import report
 from sized import Case, dressed, make_case, predictions, repeated, sized_config
 from stage_times import milliseconds, stages
 
+from garment_jax.animation.chunks import scan_frames, solver_options
+from garment_jax.animation.clips import rollout_chunks
+from garment_jax.animation.stream import first_of
 from garment_jax.body.carried import carried_points, pose_carried
-from garment_jax.collision import CollisionOptions
-from garment_jax.collision.solid import everything
+from garment_jax.model.scan import make_rollout
+from garment_jax.postprocess.collision import CollisionOptions
+from garment_jax.postprocess.collision.solid import everything
 from garment_jax.postprocess.pipeline import BodyFrame, contact_init, contact_step
 from garment_jax.postprocess.tables import make_contact_tables
-from garment_jax.rollout.chunks import scan_frames, solver_options
-from garment_jax.rollout.clips import rollout_chunks
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.stream import first_of
 
 CHUNK = 32
 

@@ -31,7 +31,7 @@ from garment_jax.body.garment_skinning import (
     garment_weights,
 )
 from garment_jax.config import load_config
-from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, prepare
+from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, prepare
 from garment_jax.geometry.skinning import skin, unskin_frames
 
 SECONDS = (0.1, 0.3, 1.0)  # time constants of the motion's running means

@@ -12,11 +12,11 @@ import torch.nn.functional as F
 from torch import nn
 
 from garment_jax.config import Config
-from garment_jax.data.template import Template
-from garment_jax.detail.edge_convolution import edge_table
-from garment_jax.detail.network import DECIMETRE, mean_edge
-from garment_jax.generative.blocks import SLOPE
-from garment_jax.generative.network import CENTIMETRE, POOLED
+from garment_jax.dataset.template import Template
+from garment_jax.model.detail.edge_convolution import edge_table
+from garment_jax.model.detail.network import DECIMETRE, mean_edge
+from garment_jax.model.generative.blocks import SLOPE
+from garment_jax.model.generative.network import CENTIMETRE, POOLED
 
 
 class Tables(NamedTuple):
@@ -279,7 +279,7 @@ def _size(E: torch.Tensor) -> torch.Tensor:
 
 
 def _motion_range(template: Template) -> tuple[torch.Tensor, ...]:
-    from garment_jax.motion.network import BEYOND
+    from garment_jax.model.motion.network import BEYOND
 
     s = template.statistics
     spare = BEYOND * (s.motion_high - s.motion_low)

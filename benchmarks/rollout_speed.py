@@ -20,16 +20,16 @@ import jax
 import numpy as np
 from measured import report
 
+from garment_jax.animation.animate import animate
+from garment_jax.animation.clips import rollout_chunks, stack_motions
 from garment_jax.body.seeds import Seeds
-from garment_jax.data.motion_input import MotionInput
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_start
-from garment_jax.data.template import Template
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.clips import rollout_chunks, stack_motions
-from garment_jax.rollout.model import Model, model_input, template_for
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import RolloutState, init_state, step
+from garment_jax.dataset.motion_input import MotionInput
+from garment_jax.dataset.start import make_start
+from garment_jax.dataset.template import Template
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.compose import RolloutState, init_state, step
+from garment_jax.model.scan import make_rollout
+from garment_jax.model.store import Model, model_input, template_for
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
 

@@ -18,14 +18,14 @@ import jax
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_start
-from garment_jax.rollout import rollout_many, template_for
-from garment_jax.rollout.animate import Animator, make_animator
-from garment_jax.rollout.model import Model, facts_of, load_model, model_input
-from garment_jax.rollout.plan import make_plan
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import init_state
+from garment_jax.animation import rollout_many, template_for
+from garment_jax.animation.animate import Animator, make_animator
+from garment_jax.animation.plan import make_plan
+from garment_jax.dataset.start import make_start
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.compose import init_state
+from garment_jax.model.scan import make_rollout
+from garment_jax.model.store import Model, facts_of, load_model, model_input
 from garment_jax.structs import Collider, Motion, Scene
 from garment_jax.training.pipeline import trained_model
 

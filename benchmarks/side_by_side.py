@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
 from garment_jax.simulation.command import cloth_settings, read_pattern
 from garment_jax.simulation.newton_cloth import drape
 from garment_jax.simulation.side_by_side import SideBySide

@@ -18,9 +18,9 @@ from measured import report
 from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import dressed, make_case, predictions, sized_config
 
-from garment_jax.data.sequence import open_sequence
-from garment_jax.embedded.motions import make_motion
-from garment_jax.embedded.scene import make_outfit
+from garment_jax.io.sequence import open_sequence
+from garment_jax.procedural.motions import make_motion
+from garment_jax.procedural.scene import make_outfit
 from garment_jax.simulation.newton_cloth import drape, simulate_frames
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Motion, Scene

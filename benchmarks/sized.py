@@ -16,14 +16,14 @@ from resampled import grid_shape, resample
 
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import Config
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_skinned_template
-from garment_jax.data.template import STD_FLOOR, Statistics, Template, make_template
-from garment_jax.detail.network import init_detail
-from garment_jax.generative.network import init_generative
-from garment_jax.motion.network import init_motion
-from garment_jax.rollout.step import RolloutState, init_state
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.start import make_skinned_template
+from garment_jax.dataset.template import STD_FLOOR, Statistics, Template, make_template
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.compose import RolloutState, init_state
+from garment_jax.model.detail.network import init_detail
+from garment_jax.model.generative.network import init_generative
+from garment_jax.model.motion.network import init_motion
 from garment_jax.structs import FrameInput, Motion, Scene
 
 GRIDS = {9352: (56, 167), 2800: (40, 70)}  # rows and columns of the sizes that the targets speak of
@@ -61,8 +61,8 @@ def dressed(clip: Path | None, frames: int | None) -> tuple[Scene, Motion]:
     The first `frames` of it; `None`: all of the clip, 500 of the walk.
     """
     if clip is None:
-        from garment_jax.embedded.motions import make_motion
-        from garment_jax.embedded.scene import make_outfit
+        from garment_jax.procedural.motions import make_motion
+        from garment_jax.procedural.scene import make_outfit
 
         scene, _ = make_outfit("skirt")
         return scene, make_motion("walk", scene.body, seconds=(frames or 500) / 30)
@@ -117,9 +117,9 @@ def predictions(model_folder: Path, clip: Path, frames: int) -> np.ndarray:
 
     `[t, n, 3]` metres, root frame.
     """
-    from garment_jax.rollout.clips import rollout_batch
-    from garment_jax.rollout.model import load_model, model_input, skinned_template, template_for
-    from garment_jax.rollout.scan import make_rollout
+    from garment_jax.animation.clips import rollout_batch
+    from garment_jax.model.scan import make_rollout
+    from garment_jax.model.store import load_model, model_input, skinned_template, template_for
 
     model = load_model(model_folder)
     scene, motion = dressed(clip, frames)

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.benchmark.methods import reconstructed
+from garment_jax.animation.animate import animate
+from garment_jax.animation.variants import without_lengths
+from garment_jax.bench.methods import reconstructed
 from garment_jax.body.root_frame import to_root
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_skinned_template
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.start import make_skinned_template
+from garment_jax.io.sequence import open_sequence
 from garment_jax.machine import machine
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import Model, template_for, without_swing
-from garment_jax.rollout.variants import without_lengths
+from garment_jax.model.store import Model, template_for, without_swing
 from garment_jax.training.pipeline import trained_model
 
 

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 from machine_rates import median_seconds
 from sized import Case
 
-from garment_jax.detail.network import enhance
-from garment_jax.generative.network import networks, position_map
 from garment_jax.geometry.uv_maps import from_map
-from garment_jax.motion.network import gates_of, gru_step, state_encoder
+from garment_jax.model.detail.network import enhance
+from garment_jax.model.generative.network import networks, position_map
+from garment_jax.model.motion.network import gates_of, gru_step, state_encoder
 
 FRAMES = 32
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from measured import report
 
-from garment_jax.data.sequence import open_sequence
 from garment_jax.geometry.strain_limit import make_strain_tables, strain_limited
+from garment_jax.io.sequence import open_sequence
 
 PULL = 0.5  # of the distance below the mean height
 

@@ -16,18 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from measured import report
 
+from garment_jax.animation.animate import animate
+from garment_jax.animation.variants import without_lengths
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.config import to_dict
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.cloth import hem
 from garment_jax.geometry.boundary import hem_vertices
-from garment_jax.rollout.animate import animate
-from garment_jax.rollout.model import Model, without_swing
-from garment_jax.rollout.variants import without_lengths
-from garment_jax.swing.motion import swing_frames
-from garment_jax.swing.network import at_rest, cells_of, corrected
-from garment_jax.swing.rollout import make_swing_rollout, roll_clip
-from garment_jax.swing.tables import make_swing_tables
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.network import at_rest, cells_of, corrected
+from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip
+from garment_jax.model.column_rnn.tables import make_swing_tables
+from garment_jax.model.store import Model, without_swing
 from garment_jax.training.pipeline import trained_model
 
 WEIGHTS = (0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)

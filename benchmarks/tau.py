@@ -12,10 +12,10 @@ import numpy as np
 from garment_jax.body.root_frame import to_root
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import BodyConfig
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.sequence import open_sequence
+from garment_jax.dataset.motion_input import motion_input
 from garment_jax.geometry.skinning import unskin_fixed_point
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import open_sequence
 
 TAUS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
 

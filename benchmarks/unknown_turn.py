@@ -20,9 +20,9 @@ import numpy as np
 from measured import report
 
 from garment_jax.body.root_frame import yaw_matrix
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.drift import drift, skinned_template, skinning_weights
 from garment_jax.evaluation.rmse import rmse_per_frame
+from garment_jax.io.sequence import open_sequence
 from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion
 

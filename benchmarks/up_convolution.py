@@ -16,7 +16,7 @@ import numpy as np
 from machine_rates import best_seconds
 from measured import report
 
-from garment_jax.generative.convolution import up_convolution
+from garment_jax.model.generative.convolution import up_convolution
 
 DECODERS = {"UV 128": (128, 1), "UV 64": (64, 1), "UV 64, batch of 48": (64, 48)}
 CHANNELS = (24, 48, 96, 128)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.viewer.command import view_files
 
 

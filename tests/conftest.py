@@ -48,21 +48,21 @@ def solver_built_once() -> Iterator[None]:
 
     XLA's cache spares the tests compiling them again, but not tracing them: ten seconds, in dozens of tests.
     """
-    from garment_jax import programs
+    from garment_jax import aot_cache
 
     known: dict[tuple[str, str], tuple] = {}
-    build = programs.ProgramStore._built
+    build = aot_cache.ProgramStore._built
 
     def built(store, name: str, jitted, arguments: tuple, facts):
         if store._folder is not None or not name.startswith("contacts"):
             return build(store, name, jitted, arguments, facts)
-        key = name, programs._key(arguments, facts)
+        key = name, aot_cache._key(arguments, facts)
         if key not in known:
             known[key] = build(store, name, jitted, arguments, facts)
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(programs.ProgramStore, "_built", built)
+        patch.setattr(aot_cache.ProgramStore, "_built", built)
         yield
 
 

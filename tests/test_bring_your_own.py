@@ -16,14 +16,14 @@ import infer
 import train
 from garment_jax.cli import main as garment_jax
 from garment_jax.config import Config, DataConfig, to_toml
-from garment_jax.data.sequence import open_sequence
-from garment_jax.formats.blender import VARIABLE, run_blender
-from garment_jax.formats.usd_library import load_pxr
-from tests.intake.glb_files import write_glb
-from tests.intake.vto_files import write_vto
+from garment_jax.io.formats.blender import VARIABLE, run_blender
+from garment_jax.io.formats.usd_library import load_pxr
+from garment_jax.io.sequence import open_sequence
+from tests.animation.tiny_model import CONFIG, SCENE
+from tests.importers.glb_files import write_glb
+from tests.importers.vto_files import write_vto
 from tests.reference.files import write_bvh, write_obj
 from tests.reference.scene import make_motion, make_vertices
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 FRAMES = 18
 CLOTH = ["settle=10", "blend=10", "hold=2"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main
-from tests.data.packed import write_packed
+from tests.io.packed import write_packed
 from tests.reference.files import write_body, write_obj
 from tests.reference.scene import make_scene, write_clip
 

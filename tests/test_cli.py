@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from garment_jax.cli import main, make_parser
-from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.model import save_model
-from tests.data.packed import write_packed
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import save_model
+from tests.animation.tiny_model import tiny_model
+from tests.io.packed import write_packed
 from tests.reference.scene import write_clip
-from tests.rollout.tiny_model import tiny_model
 
 ROOT = Path(__file__).parents[1]
 
@@ -117,7 +117,7 @@ def test_a_stopped_collide_says_so_and_leaves_nothing(tmp_path: Path, capsys, mo
         raise KeyboardInterrupt
 
     clip = str(write_clip(tmp_path / "clip.h5", 3))
-    monkeypatch.setattr("garment_jax.rollout.collide._resolved", stop)
+    monkeypatch.setattr("garment_jax.animation.collide._resolved", stop)
     assert main(["collide", clip, "--out", str(tmp_path / "out.h5")]) == 130
     assert "interrupted" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["clip.h5"]
@@ -186,7 +186,7 @@ def test_module_runs_and_help_needs_no_jax():
 def test_an_interrupted_program_ends_at_once_whatever_its_threads_do(code: int) -> None:
     lines = (
         "import threading, time",
-        "from garment_jax.cli.leaving import leave",
+        "from garment_jax.cli.exit import leave",
         f"threading.Thread(target=time.sleep, args=({60 if code == 130 else 0},)).start()",
         "print('said')",
         f"leave({code})",

@@ -9,10 +9,10 @@ import pytest
 
 from garment_jax.body.motion_features import feature_names
 from garment_jax.config import load_config
-from garment_jax.data.template import Statistics, make_template
-from garment_jax.detail.train_step import init_players
-from garment_jax.generative.network import init_generative
-from garment_jax.motion.network import init_motion
+from garment_jax.dataset.template import Statistics, make_template
+from garment_jax.model.detail.train_step import init_players
+from garment_jax.model.generative.network import init_generative
+from garment_jax.model.motion.network import init_motion
 from tests.reference.scene import make_scene
 
 CONFIGS = Path(__file__).parents[1] / "configs"

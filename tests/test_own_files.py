@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main as garment_jax
+from tests.animation.tiny_model import SCENE
 from tests.reference.files import write_body, write_bvh, write_obj
 from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import SCENE
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 
 from garment_jax.cli import COMMANDS, make_parser
 from garment_jax.config import Config
-from garment_jax.intake.finding import _CHECKED_WITH, refusal
+from garment_jax.importers.finding import _CHECKED_WITH, refusal
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "garment_jax"
@@ -21,7 +21,7 @@ BUILT = re.compile(
     r"(?<![\w-])--([a-z-]*\{\}[a-z-]*(?:\{\}[a-z-]*)*)(?![\w.])"
 )  # an option with a part filled in
 OPTION = re.compile(r"(?<![\w-])--([a-z][\w.-]*\w)")
-FOREIGN = {"formats/blender.py", "cli/__init__.py"}  # another program's command line; the parser of all
+FOREIGN = {"io/formats/blender.py", "cli/__init__.py"}  # another program's command line; the parser of all
 
 
 def words_of(node: ast.AST) -> str | None:

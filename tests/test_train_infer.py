@@ -12,15 +12,15 @@ import pytest
 
 import infer
 import train
+from garment_jax.animation.variants import VARIANTS, variants_of
 from garment_jax.cli import main as garment_jax
 from garment_jax.config import to_toml
-from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.model import save_model
-from garment_jax.rollout.variants import VARIANTS, variants_of
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import save_model
 from garment_jax.training.run_directory import prepare_run
+from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_motion, make_scene, write_clip
 from tests.reference.tiny_swing import swinging_model
-from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
 ROOT = Path(__file__).parents[1]
 
@@ -234,10 +234,10 @@ def started(model: str, clip: str, out: str, *words: str, cache: str = "off") ->
 
 def test_what_is_off_is_not_imported(tmp_path: Path, model, clip):
     bare = started(model, clip, str(tmp_path / "a.h5"), "--no-collision", "--no-detail")
-    heavy = {"garment_jax.detail.network", "garment_jax.training.checkpoint"}
+    heavy = {"garment_jax.model.detail.network", "garment_jax.training.checkpoint"}
     assert not bare & (heavy | {"optax", "orbax.checkpoint", "matplotlib", "trimesh", "warp"})
     fine = started(model, clip, str(tmp_path / "b.h5"), "--no-collision", cache=str(tmp_path / "cache"))
-    assert "garment_jax.detail.network" in fine
+    assert "garment_jax.model.detail.network" in fine
     assert len(list((tmp_path / "cache" / "programs").glob("rollout-*.program"))) == 1
     assert not list((tmp_path / "cache" / "programs").glob("contacts*"))  # the solver is not even compiled
 
@@ -256,7 +256,7 @@ def quick_times(monkeypatch: pytest.MonkeyPatch) -> None:
     def measured(model, scene, motion, variant, *, store=None) -> float:
         return 1.0 + 0.5 * variant.detail + 4.0 * variant.collision
 
-    monkeypatch.setattr("garment_jax.rollout.calibration.measured_ms", measured)
+    monkeypatch.setattr("garment_jax.animation.calibration.measured_ms", measured)
     monkeypatch.setenv("GARMENT_JAX_CACHE", "off")
 
 

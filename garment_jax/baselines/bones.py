@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
-from garment_jax.data.batches import spread_frames
-from garment_jax.data.cached_arrays import Arrays, cached_arrays
+from garment_jax.dataset.batches import spread_frames
+from garment_jax.dataset.cached_arrays import Arrays, cached_arrays
 from garment_jax.geometry.bone_errors import homogeneous
 from garment_jax.geometry.bone_sweep import bone_system, sweep
 from garment_jax.geometry.rigid_fit import rigid_transforms

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from garment_jax.data.prepared import PreparedClip
+from garment_jax.dataset.prepared import PreparedClip
 
 
 def clip_errors(clips: Sequence[PreparedClip], V: Sequence[np.ndarray]) -> dict[str, float]:

@@ -8,8 +8,8 @@ from jaxtyping import Array, Float, Int
 
 from garment_jax.body.motion_features import chosen_joints
 from garment_jax.config import Config
-from garment_jax.data.template import Template
-from garment_jax.motion.network import normalise_motion
+from garment_jax.dataset.template import Template
+from garment_jax.model.motion.network import normalise_motion
 from garment_jax.structs import RiggedBody
 
 TILT, ROTATION, VELOCITY, YAW_RATE = 6, 6, 3, 1  # widths of M's parts, see body/motion_features.py

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from garment_jax.config import Config, GenerativeConfig, to_dict
-from garment_jax.data.content_hash import garment_hash
-from garment_jax.data.prepared import DataSet
-from garment_jax.rollout.model import Model, load_model, save_model
+from garment_jax.dataset.prepared import DataSet
+from garment_jax.io.content_hash import garment_hash
+from garment_jax.model.store import Model, load_model, save_model
 from garment_jax.training.run import Run, open_run, say
 from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
 

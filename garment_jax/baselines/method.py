@@ -7,8 +7,8 @@ from typing import Any, Literal, NamedTuple
 import jax
 import numpy as np
 
+from garment_jax.animation.stream import Chunk
 from garment_jax.config import Config
-from garment_jax.rollout.stream import Chunk
 from garment_jax.structs import Motion, Scene
 
 

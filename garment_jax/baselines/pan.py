@@ -34,8 +34,8 @@ from garment_jax.baselines.pan_targets import bone_targets
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, train_recurrent
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.data.motion_input import motion_input
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.model.store import Model, template_for
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run
 

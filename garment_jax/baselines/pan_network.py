@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 from garment_jax.baselines.bones import Bones, skinned, weighted_rest
 from garment_jax.baselines.recurrent import init_recurrent, recur
 from garment_jax.config import DetailConfig
-from garment_jax.data.template import Template
-from garment_jax.detail.edge_convolution import dense
-from garment_jax.detail.network import CENTIMETRE, local_features
+from garment_jax.dataset.template import Template
+from garment_jax.model.detail.edge_convolution import dense
+from garment_jax.model.detail.network import CENTIMETRE, local_features
 
 EDGES = DetailConfig(features=(8, 16))  # EdgeConv 3 -> 8 -> 16
 VERTEX_FEATURES = 10

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from garment_jax.animation.clips import stack_motions
 from garment_jax.baselines.pan_network import Rig, low_mesh, residual
 from garment_jax.baselines.recurrent import dense, first_hidden, hidden_states, recur
 from garment_jax.config import DetailConfig
-from garment_jax.data.prepared import frames_of
-from garment_jax.data.template import Template
-from garment_jax.detail.losses import detail_terms
-from garment_jax.rollout.clips import stack_motions
+from garment_jax.dataset.prepared import frames_of
+from garment_jax.dataset.template import Template
+from garment_jax.model.detail.losses import detail_terms
 from garment_jax.structs import TrainState
 from garment_jax.training.run import Run, optimise, say
 

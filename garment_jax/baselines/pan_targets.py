@@ -3,8 +3,8 @@
 import numpy as np
 
 from garment_jax.baselines.bones import Bones, as_numbers, bone_transforms
-from garment_jax.data.cached_arrays import cached_list
-from garment_jax.data.prepared import PreparedClip, frames_of
+from garment_jax.dataset.cached_arrays import cached_list
+from garment_jax.dataset.prepared import PreparedClip, frames_of
 from garment_jax.training.run import Run, say
 
 CHUNK = 256  # frames in memory at a time

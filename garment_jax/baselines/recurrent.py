@@ -14,9 +14,9 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from garment_jax.data.batches import lane_schedule
-from garment_jax.data.lanes import LaneWindow, frame_weights
-from garment_jax.motion.network import gru_step
+from garment_jax.dataset.batches import lane_schedule
+from garment_jax.dataset.lanes import LaneWindow, frame_weights
+from garment_jax.model.motion.network import gru_step
 from garment_jax.structs import TrainState
 from garment_jax.training.run import Run, optimise
 

@@ -18,10 +18,10 @@ from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.principal import coefficients, principal_components
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.data.batches import spread_frames
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.prepared import frames_of
-from garment_jax.rollout.model import Model, skinned_template, template_for
+from garment_jax.dataset.batches import spread_frames
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.prepared import frames_of
+from garment_jax.model.store import Model, skinned_template, template_for
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run
 

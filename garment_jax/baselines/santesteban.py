@@ -25,11 +25,11 @@ from garment_jax.baselines.recurrent import first_hidden, init_recurrent, recur,
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.body.garment_skinning import closest_weights, joint_transforms
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.data.cached_arrays import cached_arrays
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.prepared import frames_of
+from garment_jax.dataset.cached_arrays import cached_arrays
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.prepared import frames_of
 from garment_jax.geometry.skinning import skin, unskin_frames
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.model.store import Model, template_for
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run, say
 

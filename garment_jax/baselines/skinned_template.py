@@ -12,9 +12,9 @@ from garment_jax.baselines.fitting import finish_model, fitted_model, open_basel
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import Beginning, Live, make_runner
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.data.motion_input import motion_input
+from garment_jax.dataset.motion_input import motion_input
 from garment_jax.geometry.skinning import skin, softmax_weights
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.model.store import Model, template_for
 from garment_jax.structs import Motion, Scene
 
 

@@ -13,7 +13,7 @@ from garment_jax.baselines.fitting import finish_model, fitted_model, open_basel
 from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import count
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.rollout.model import template_for
+from garment_jax.model.store import template_for
 from garment_jax.structs import Motion, Scene
 
 

@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from garment_jax.animation.clips import Rollout, rollout_chunks, stack_motions
+from garment_jax.animation.clips import rollout_batch as roll_side_by_side
+from garment_jax.animation.stream import Chunk, PostprocessStream
 from garment_jax.baselines.method import Runner, Stream
 from garment_jax.config import CollisionConfig
-from garment_jax.data.content_hash import rollout_hash
-from garment_jax.data.template import scene_template
-from garment_jax.rollout.clips import Rollout, rollout_chunks, stack_motions
-from garment_jax.rollout.clips import rollout_batch as roll_side_by_side
-from garment_jax.rollout.model import Model, check_rate
-from garment_jax.rollout.stream import Chunk, PostprocessStream
+from garment_jax.dataset.template import scene_template
+from garment_jax.io.content_hash import rollout_hash
+from garment_jax.model.store import Model, check_rate
 from garment_jax.structs import Motion, Scene
 
 

@@ -15,8 +15,8 @@ from garment_jax.baselines.method import Method, Runner
 from garment_jax.baselines.streaming import count
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.config import CollisionConfig, Config
-from garment_jax.generative.network import decode, encode
-from garment_jax.rollout.model import template_for
+from garment_jax.model.generative.network import decode, encode
+from garment_jax.model.store import template_for
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.generative_stage import train_generative
 

@@ -28,7 +28,7 @@ from garment_jax.cli import (
     variants,
     view,
 )
-from garment_jax.cli.leaving import INTERRUPTED, leave
+from garment_jax.cli.exit import INTERRUPTED, leave
 from garment_jax.cli.printable import show_safely
 
 LONGEST_SENTENCE = 4000  # characters; a table of joints takes fewer

@@ -31,7 +31,7 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; exit code 1 where a job failed."""
-    from garment_jax.benchmark.runner import benchmark
+    from garment_jax.bench.runner import benchmark
 
     failed = benchmark(
         options.config,

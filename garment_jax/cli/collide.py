@@ -26,8 +26,8 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     hush_xla()
-    from garment_jax.programs import warm_start
-    from garment_jax.rollout.collide import collide_file, summary
+    from garment_jax.animation.collide import collide_file, summary
+    from garment_jax.aot_cache import warm_start
 
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}

@@ -53,7 +53,7 @@ def check_out(out: Path, read: Sequence[Path]) -> None:
     Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in .json or
     is too long, and a file that `evaluate` did not write.
     """
-    from garment_jax.data.replaceable import check_name, not_own
+    from garment_jax.io.overwrite_checks import check_name, not_own
 
     if os.path.isdir(out):
         raise ValueError(f"--out {out} is a folder; name a file.")

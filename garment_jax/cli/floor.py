@@ -36,7 +36,7 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.data.replaceable import check_floor_out
+    from garment_jax.io.overwrite_checks import check_floor_out
     from garment_jax.simulation.command import cloth_settings, read_pattern
 
     if options.out is not None and len(options.clips) > 1:
@@ -72,10 +72,10 @@ def _restarted(
     """Return the figures of one clip, those per frame under `PER_FRAME`; write its restart where asked."""
     import numpy as np
 
-    from garment_jax.data.replaceable import RESTARTED
-    from garment_jax.data.sequence import open_sequence
-    from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
-    from garment_jax.data.validation import check_input, check_simulated, measure_extent
+    from garment_jax.io.overwrite_checks import RESTARTED
+    from garment_jax.io.sequence import open_sequence
+    from garment_jax.io.sequence_writer import INT16_REACH, SequenceWriter
+    from garment_jax.io.validation import check_input, check_simulated, measure_extent
     from garment_jax.simulation.clips import ENGINE
     from garment_jax.simulation.command import check_same_cloth
     from garment_jax.simulation.floor import floor_of, summary

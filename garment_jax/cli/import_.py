@@ -96,15 +96,15 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.intake.kinds import find_kind
+    from garment_jax.importers.kinds import find_kind
 
     kind = find_kind(options.paths) if options.format == "auto" else options.format
     (_import_packed if kind == "packed" else partial(_import_foreign, kind=kind))(options)
 
 
 def _import_packed(options: argparse.Namespace) -> None:
-    from garment_jax.data.importer import import_clips
-    from garment_jax.validator.written_clip import refuse_errors
+    from garment_jax.io.importer import import_clips
+    from garment_jax.validation.written_clip import refuse_errors
 
     ignored = [name for name in FOREIGN if getattr(options, name) not in (None, [], 0, False)]
     if ignored:
@@ -122,10 +122,10 @@ def _import_packed(options: argparse.Namespace) -> None:
 
 
 def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
-    from garment_jax.intake.clips import import_sources
-    from garment_jax.intake.formats import list_sources
-    from garment_jax.intake.sources import Options
-    from garment_jax.validator.written_clip import refuse_errors
+    from garment_jax.importers.clips import import_sources
+    from garment_jax.importers.formats import list_sources
+    from garment_jax.importers.sources import Options
+    from garment_jax.validation.written_clip import refuse_errors
 
     own = Options(
         garment=options.garment,

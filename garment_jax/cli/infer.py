@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from garment_jax.cli.xla_messages import hush_xla
 
 if TYPE_CHECKING:
-    from garment_jax.programs import Here
-    from garment_jax.rollout.model import Model, ModelFacts
-    from garment_jax.rollout.plan import ScenePlan
-    from garment_jax.rollout.variants import Measured
+    from garment_jax.animation.plan import ScenePlan
+    from garment_jax.animation.variants import Measured
+    from garment_jax.aot_cache import Here
+    from garment_jax.model.store import Model, ModelFacts
     from garment_jax.structs import Motion, Scene
 
 
@@ -31,12 +31,12 @@ def infer(
 ) -> Iterator[str]:
     """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
     hush_xla()
-    from garment_jax.data.replaceable import check_animation_out
-    from garment_jax.data.sequence import open_sequence
-    from garment_jax.data.validation import check_input
-    from garment_jax.programs import warm_start
-    from garment_jax.rollout.model import check_rate
-    from garment_jax.rollout.plan import make_plan
+    from garment_jax.animation.plan import make_plan
+    from garment_jax.aot_cache import warm_start
+    from garment_jax.io.overwrite_checks import check_animation_out
+    from garment_jax.io.sequence import open_sequence
+    from garment_jax.io.validation import check_input
+    from garment_jax.model.store import check_rate
 
     if out is not None:
         check_animation_out(Path(out), Path(motion))  # before minutes of measuring
@@ -71,7 +71,7 @@ def infer(
             yield from _explained(planned, scene, moves, scene_plan, name, here)
     if out is None:
         return
-    from garment_jax.rollout.animate import animate_file
+    from garment_jax.animation.animate import animate_file
 
     if whole is None:
         whole = read(scene_plan.leave_out)
@@ -82,14 +82,14 @@ def infer(
 
 
 def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
-    from garment_jax.rollout.model import without_swing
+    from garment_jax.model.store import without_swing
 
     return model if plan.swing else without_swing(model)
 
 
 def _facts(path: str):
     """Return what the model at `path` says of itself, and the model where it had to be read whole (a run)."""
-    from garment_jax.rollout.model import facts_of, model_facts
+    from garment_jax.model.store import facts_of, model_facts
     from garment_jax.training.run_directory import CHECKPOINTS
 
     if not (Path(path) / CHECKPOINTS).is_dir():
@@ -101,7 +101,7 @@ def _facts(path: str):
 
 
 def _without_lengths(facts: "ModelFacts") -> "ModelFacts":
-    from garment_jax.rollout.variants import lengths_off
+    from garment_jax.animation.variants import lengths_off
 
     return facts._replace(config=lengths_off(facts.config))
 
@@ -110,15 +110,15 @@ def _read(
     path: str, leave_out: tuple[str, ...] = (), *, lengths: bool, whole: "Model | None" = None
 ) -> "Model":
     """Return the model at `path`, or `whole` where it is read already; edge lengths restored or not."""
-    from garment_jax.rollout.model import load_model
-    from garment_jax.rollout.variants import without_lengths
+    from garment_jax.animation.variants import without_lengths
+    from garment_jax.model.store import load_model
 
     model = whole or load_model(path, leave_out=leave_out)
     return model if lengths else without_lengths(model)
 
 
 def _detail_mm(path: str) -> float | None:
-    from garment_jax.rollout.variants import stored_variants
+    from garment_jax.animation.variants import stored_variants
 
     try:
         return stored_variants(path)[1]
@@ -136,8 +136,8 @@ def _within(
     here: "Here",
 ):
     """Return the name, the plan and the model of the most accurate variant that fits, and a line on it."""
-    from garment_jax.rollout.calibration import frame_times
-    from garment_jax.rollout.variants import apply_variant, choose
+    from garment_jax.animation.calibration import frame_times
+    from garment_jax.animation.variants import apply_variant, choose
 
     rows = _rows(path, model, plan)
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
@@ -161,7 +161,7 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
 
     Raises `ValueError` where none leaves out no more: collisions would be left unhandled for no lack of time.
     """
-    from garment_jax.rollout.variants import stored_variants
+    from garment_jax.animation.variants import stored_variants
 
     rows, wanted = stored_variants(path)[0], (plan.swing, plan.detail, plan.collision)
     if wanted not in [(row.variant.swing, row.variant.detail, row.variant.collision) for row in rows]:
@@ -184,9 +184,9 @@ def _explained(
     model: "Model", scene: "Scene", motion: "Motion", plan: "ScenePlan", name: str, here: "Here"
 ) -> list[str]:
     """Return the plan's lines, with times measured on this machine."""
-    from garment_jax.rollout.calibration import frame_times
-    from garment_jax.rollout.plan import CLEARANCE, reachable_triangles
-    from garment_jax.rollout.plan_report import part_costs, parts, plan_lines
+    from garment_jax.animation.calibration import frame_times
+    from garment_jax.animation.plan import CLEARANCE, reachable_triangles
+    from garment_jax.animation.plan_report import part_costs, parts, plan_lines
 
     collision, detail = scene.collider is not None, "detail" in model.params
     names = parts(detail, collision)

@@ -17,8 +17,8 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; 2 if anything could not be read, which keeps nothing else from being told."""
-    from garment_jax.data.info import format_description
-    from garment_jax.formats.damage import reading
+    from garment_jax.io.formats.damage import reading
+    from garment_jax.io.info import format_description
 
     facts, refused = {}, False
     for path in options.paths:
@@ -38,12 +38,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _describe(path: Path) -> dict[str, Any]:
     """Return the facts of a file or folder; of a saved model also what it is, which finds damage."""
-    from garment_jax.data.info import describe
+    from garment_jax.io.info import describe
 
     facts = describe(path)
     if not (path / "model.json").is_file():
         return facts
-    from garment_jax.rollout.model import model_facts  # with jax, which the others do without
+    from garment_jax.model.store import model_facts  # with jax, which the others do without
 
     model = model_facts(path)
     about = {"vertices": model.vertices, "fps": model.fps, "parts": sorted(model.parts)}

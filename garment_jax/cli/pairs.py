@@ -16,7 +16,7 @@ class LeftOut:
     @contextmanager
     def reading(self, path: Path) -> Iterator[None]:
         """Print what is wrong with a file and go on; an only one raises it."""
-        from garment_jax.formats.damage import reading
+        from garment_jax.io.formats.damage import reading
 
         try:
             with reading(path):

@@ -21,9 +21,9 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.rollout.mean_model import mean_model
-    from garment_jax.rollout.model import save_model
-    from garment_jax.rollout.model_folder import MEASURED
+    from garment_jax.model.folder import MEASURED
+    from garment_jax.model.mean_model import mean_model
+    from garment_jax.model.store import save_model
     from garment_jax.training.pipeline import trained_model
 
     measured = [name for name in MEASURED if (options.out / name).is_file()]

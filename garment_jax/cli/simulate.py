@@ -111,7 +111,7 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.embedded.made import check_count
+    from garment_jax.procedural.made import check_count
     from garment_jax.simulation.clips import AT_ONCE, simulate_clips
     from garment_jax.simulation.command import (
         EMBEDDED_CLOTH,
@@ -133,7 +133,7 @@ def run(options: argparse.Namespace) -> None:
     flat = None if options.pattern is None else read_pattern(options.pattern)
     left_out: list[str] = []
     if options.embedded is not None:
-        from garment_jax.embedded.scene import make_outfit
+        from garment_jax.procedural.scene import make_outfit
 
         scene, flat = make_outfit(options.embedded, vertices=options.vertices)
         jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
@@ -196,11 +196,11 @@ def _own_files(options: argparse.Namespace, fps: float, left_out: list[str]) -> 
     import numpy as np
 
     from garment_jax.body.retarget import read_joint_table
-    from garment_jax.data.scene_files import load_scene
-    from garment_jax.intake.bodies import place_template, read_any_body
-    from garment_jax.intake.garment_mesh import load_garment
-    from garment_jax.intake.own_files import check_on_body, is_same, of_one_file
-    from garment_jax.intake.sources import Options
+    from garment_jax.importers.bodies import place_template, read_any_body
+    from garment_jax.importers.garment_mesh import load_garment
+    from garment_jax.importers.own_files import check_on_body, is_same, of_one_file
+    from garment_jax.importers.sources import Options
+    from garment_jax.io.scene_files import load_scene
     from garment_jax.simulation.command import check_collider, motion_jobs
 
     missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]

@@ -26,9 +26,9 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; 1 if any file has an error, or could not be repaired."""
-    from garment_jax.validator.fixes import check_out, fix_file
-    from garment_jax.validator.report import format_report, format_totals, to_json
-    from garment_jax.validator.validate import Options, list_files, validate_files
+    from garment_jax.validation.fixes import check_out, fix_file
+    from garment_jax.validation.report import format_report, format_totals, to_json
+    from garment_jax.validation.validate import Options, list_files, validate_files
 
     _check(options)
     files = list_files(options.paths)

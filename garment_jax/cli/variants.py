@@ -22,7 +22,7 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.benchmark.variants import measure_variants
+    from garment_jax.bench.variants import measure_variants
 
     if options.every < 1 or options.frames < 0:
         raise ValueError(

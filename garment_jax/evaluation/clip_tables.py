@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.body.limbs import limbs_of
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift
 from garment_jax.evaluation.penetration import neighbour_faces
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import Sequence
 
 
 class Tables(NamedTuple):

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation import sted
 from garment_jax.evaluation.clip_tables import Tables, make_tables
 from garment_jax.evaluation.pair import check_pair, read_finite
@@ -20,6 +19,7 @@ from garment_jax.evaluation.per_frame import (
     skinned_template_error,
 )
 from garment_jax.evaluation.summary import clip_figures
+from garment_jax.io.sequence import Sequence, open_sequence
 
 WINDOW = 64  # frames read at a time
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from garment_jax.data.sequence import Sequence
+from garment_jax.io.sequence import Sequence
 
 ROOT_TOLERANCE = 1e-3  # metres
 ROTATION_TOLERANCE = 1e-3  # entries of a rotation matrix, about 0.06 degrees

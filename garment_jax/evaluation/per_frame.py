@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from garment_jax.body.kinematics import collider_points, joint_positions, pose_body
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation import cloth, drift, sted
 from garment_jax.evaluation.clip_tables import Tables
 from garment_jax.evaluation.hausdorff import hausdorff_frame
@@ -20,6 +19,7 @@ from garment_jax.evaluation.penetration import (
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
+from garment_jax.io.sequence import Sequence
 
 Columns = dict[str, np.ndarray]  # name with unit -> one value a frame
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.replaceable import check_own
-from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.animation import film_frames, save_gif
 from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
@@ -18,6 +16,8 @@ from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
+from garment_jax.io.overwrite_checks import check_own
+from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time

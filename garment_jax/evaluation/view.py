@@ -6,11 +6,11 @@ import numpy as np
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.camera import Camera, look_at, view_direction
 from garment_jax.evaluation.colours import BODY
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.shading import Solid, draw
+from garment_jax.io.sequence import Sequence
 
 HEADROOM = 0.05  # metres of body shown above the garment
 MARGIN = 1.10

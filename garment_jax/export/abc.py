@@ -1,4 +1,4 @@
-"""Alembic, written by Blender from a point cache (`formats/alembic.py`)."""
+"""Alembic, written by Blender from a point cache (`io/formats/alembic.py`)."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.export.clip import ExportClip
-from garment_jax.formats.alembic import AlembicMesh, write_alembic
-from garment_jax.formats.blender import find_blender
-from garment_jax.formats.pc2 import write_pc2
+from garment_jax.io.formats.alembic import AlembicMesh, write_alembic
+from garment_jax.io.formats.blender import find_blender
+from garment_jax.io.formats.pc2 import write_pc2
 from garment_jax.storage.scratch import scratch
 from garment_jax.storage.whole import written_whole
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.data.sequence import Sequence
+from garment_jax.io.sequence import Sequence
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # metres
 _FARTHEST = 1_000_000  # number of a first frame: some formats keep it as float32

@@ -4,13 +4,13 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from garment_jax.data.sequence import open_sequence
 from garment_jax.export.abc import export_abc
 from garment_jax.export.clip import ExportClip, Progress
 from garment_jax.export.mdd import export_mdd
 from garment_jax.export.npz import export_npz
 from garment_jax.export.obj import export_obj
 from garment_jax.export.pc2 import export_pc2
+from garment_jax.io.sequence import open_sequence
 
 SUFFIXES = {
     "usd": (".usd", ".usda", ".usdc", ".usdz"),

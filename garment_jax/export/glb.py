@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.data.replaceable import check_own
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.export.glb_body import add_body
 from garment_jax.export.glb_document import add_channel, new_document, smooth_normals, tidy
-from garment_jax.formats.gltf_writer import INDICES, VERTICES, GlbWriter
+from garment_jax.io.formats.gltf_writer import INDICES, VERTICES, GlbWriter
+from garment_jax.io.overwrite_checks import check_own
+from garment_jax.io.sequence import Sequence
 from garment_jax.structs import Garment
 
 MOST_TARGETS = 256

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.data.sequence import Sequence
 from garment_jax.export.glb_document import add_channel, smooth_normals
-from garment_jax.formats.gltf_writer import INDICES, VERTICES, GlbWriter
+from garment_jax.io.formats.gltf_writer import INDICES, VERTICES, GlbWriter
+from garment_jax.io.sequence import Sequence
 from garment_jax.structs import Motion, RiggedBody
 
 _KEPT = 4  # weights of a vertex

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.point_cache import export_cache
-from garment_jax.formats.mdd import write_mdd
+from garment_jax.io.formats.mdd import write_mdd
 
 
 def export_mdd(clip: ExportClip, out: Path) -> list[Path]:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.replaceable import check_own
 from garment_jax.export.clip import ExportClip
+from garment_jax.io.overwrite_checks import check_own
 from garment_jax.storage.whole import written_whole
 
 

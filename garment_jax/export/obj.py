@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.export.clip import ExportClip
-from garment_jax.formats.obj import obj_faces, write_obj
+from garment_jax.io.formats.obj import obj_faces, write_obj
 from garment_jax.storage.scratch import scratch
 from garment_jax.storage.whole import written_whole
 

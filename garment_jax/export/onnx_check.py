@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.export.step_subject import StepSubject, first_state, frame_fields, step_function
+from garment_jax.model.compose import RolloutState
+from garment_jax.model.scan import make_rollout
 from garment_jax.postprocess.pins import attach, pin_extension
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import RolloutState
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
 SWING_TOLERANCE = 2e-3  # metres: a point of the body on the border of two sectors may count to either

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.motion_features import chosen_joints, feature_names
-from garment_jax.data.replaceable import check_own
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import PRODUCER, Port, check_opset, to_onnx
@@ -28,6 +27,7 @@ from garment_jax.export.step_subject import (
 )
 from garment_jax.export.swing_functions import begun, flat, length
 from garment_jax.geometry.skinning import softmax_weights
+from garment_jax.io.overwrite_checks import check_own
 from garment_jax.postprocess.pins import follow, pin_extension
 from garment_jax.storage.whole import written_whole
 

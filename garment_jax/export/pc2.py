@@ -4,7 +4,7 @@ from pathlib import Path
 
 from garment_jax.export.clip import ExportClip
 from garment_jax.export.point_cache import export_cache
-from garment_jax.formats.pc2 import write_pc2
+from garment_jax.io.formats.pc2 import write_pc2
 
 
 def export_pc2(clip: ExportClip, out: Path) -> list[Path]:

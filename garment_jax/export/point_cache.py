@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
-from garment_jax.formats.obj import is_our_obj, notes_of, obj_faces, write_obj
+from garment_jax.io.formats.obj import is_our_obj, notes_of, obj_faces, write_obj
+from garment_jax.io.overwrite_checks import not_own
 from garment_jax.storage.lock import lock_name, locked
 from garment_jax.storage.whole import written_whole
 

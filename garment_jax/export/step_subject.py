@@ -8,14 +8,14 @@ import jax
 import numpy as np
 
 from garment_jax.body.seeds import Seeds
-from garment_jax.data.motion_input import MotionInput
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.template import Template
+from garment_jax.dataset.motion_input import MotionInput
+from garment_jax.dataset.template import Template
 from garment_jax.export.swing_functions import flat, swung, unflat
-from garment_jax.motion.network import MotionCarry
-from garment_jax.rollout.misfit import check_parameters
-from garment_jax.rollout.model import Model, model_input, skinned_template, template_for
-from garment_jax.rollout.step import RolloutState, init_state, step
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.compose import RolloutState, init_state, step
+from garment_jax.model.misfit import check_parameters
+from garment_jax.model.motion.network import MotionCarry
+from garment_jax.model.store import Model, model_input, skinned_template, template_for
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import trained_model
 

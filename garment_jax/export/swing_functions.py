@@ -12,11 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from garment_jax.config import Config, SwingConfig
-from garment_jax.data.template import SwingTables
+from garment_jax.dataset.template import SwingTables
 from garment_jax.export.host_functions import angle, heading, joints_from_root, yaw_matrix
 from garment_jax.geometry.stencil import dense_matrix
-from garment_jax.structs import Scene, SwingCarry
-from garment_jax.swing.motion import (
+from garment_jax.model.column_rnn.motion import (
     CHANGED,
     FASTEST,
     GREW,
@@ -28,8 +27,9 @@ from garment_jax.swing.motion import (
     USUAL_RADIUS,
     SwingFrame,
 )
-from garment_jax.swing.network import at_rest, cells_moved, seen_gates, swing_step
-from garment_jax.swing.tables import LEVELS
+from garment_jax.model.column_rnn.network import at_rest, cells_moved, seen_gates, swing_step
+from garment_jax.model.column_rnn.tables import LEVELS
+from garment_jax.structs import Scene, SwingCarry
 
 SETTLED = 2.0  # frames after which the anchors' acceleration is known
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from garment_jax.data.replaceable import not_own
 from garment_jax.export.clip import ExportClip
-from garment_jax.formats.usd_library import load_pxr
-from garment_jax.formats.usd_writer import UsdMesh, is_our_usd, write_usd
 from garment_jax.geometry.normals import vertex_normals
+from garment_jax.io.formats.usd_library import load_pxr
+from garment_jax.io.formats.usd_writer import UsdMesh, is_our_usd, write_usd
+from garment_jax.io.overwrite_checks import not_own
 from garment_jax.storage.whole import written_whole
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.geometry.apart import apart, materialised
+from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_search import (
     PosedSurface,
     coordinates_of,
@@ -90,7 +90,7 @@ class Signed(NamedTuple):
     direction: jax.Array  # [3, n]
 
 
-@apart
+@noinline
 def signed_on(
     triangle: Int[Array, " n"], p: Float[Array, "3 n"], surface: PosedSurface, tables: SurfaceTables
 ) -> Signed:
@@ -103,26 +103,26 @@ def signed_on(
     return Signed(point, normal, *_signed(p, point, normal, squared))
 
 
-@apart
+@noinline
 def _corners(triangle: Int[Array, " n"], flat: Float[Array, " c3"], tables: SurfaceTables) -> Array:
     """Return the corners of triangles, `[3, 3, n]`: coordinate, corner, triangle."""
-    vertex = materialised(jnp.asarray(tables.faces)[triangle])
+    vertex = fusion_barrier(jnp.asarray(tables.faces)[triangle])
     return coordinates_of(vertex.T, flat)
 
 
-@apart
+@noinline
 def _sides(corners: Float[Array, "3 3 n"]) -> tuple[Array, Array, Array]:
     """Return the first corners and the two sides that begin there, `[3, n]` each."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return a, b - a, c - a
 
 
-@apart
+@noinline
 def _inverses(ab: Float[Array, "3 n"], ac: Float[Array, "3 n"]) -> tuple[Array, Array, Array, Array]:
     return triangle_inverses(ab, ac)
 
 
-@apart
+@noinline
 def _foot_in(
     p: Float[Array, "3 n"],
     a: Float[Array, "3 n"],
@@ -134,7 +134,7 @@ def _foot_in(
     return closest_on_triangle(p, triangle_rows(a, ab, ac, inverses))
 
 
-@apart
+@noinline
 def _foot(
     a: Float[Array, "3 n"], ab: Float[Array, "3 n"], ac: Float[Array, "3 n"], s: Array, u: Array
 ) -> tuple[Array, Array]:
@@ -142,7 +142,7 @@ def _foot(
     return a + s[None] * ab + u[None] * ac, _unit(jnp.stack(cross(ab, ac)))
 
 
-@apart
+@noinline
 def _signed(
     p: Float[Array, "3 n"],
     point: Float[Array, "3 n"],
@@ -160,7 +160,7 @@ def _signed(
     return jnp.where(touching, height, sign * distance), direction
 
 
-@apart
+@noinline
 def _pseudo_normal(
     triangle: Int[Array, " n"],
     region: Int[Array, " n"],
@@ -181,7 +181,7 @@ def _pseudo_normal(
     return jnp.where((region == 0)[None], own, jnp.where((region <= 3)[None], edge, corner))
 
 
-@apart
+@noinline
 def _wide_too(
     corner: Float[Array, "3 n"], place: Int[Array, " n"], flat: Float[Array, " c3"], tables: SurfaceTables
 ) -> Float[Array, "3 n"]:
@@ -194,7 +194,7 @@ def _wide_too(
     return jax.lax.cond((place >= 0).any(), some, lambda: corner)
 
 
-@apart
+@noinline
 def _around(
     triangle: Int[Array, " n"], region: Int[Array, " n"], tables: SurfaceTables
 ) -> tuple[Array, Array]:
@@ -203,18 +203,18 @@ def _around(
     return across[triangle, jnp.clip(region - 1, 0, 2)], faces[triangle, jnp.clip(region - 4, 0, 2)]
 
 
-@apart
+@noinline
 def _edge_normal(own: Float[Array, "3 n"], beyond: Float[Array, "3 3 n"]) -> Float[Array, "3 n"]:
     _, ab, ac = _sides(beyond)
     return _unit(own + _unit(jnp.stack(cross(ab, ac))))
 
 
-@apart
+@noinline
 def _fan_of(vertex: Int[Array, " n"], tables: SurfaceTables) -> Int[Array, "2 k n"]:
-    return materialised(jnp.asarray(tables.fan)[vertex].transpose(2, 1, 0))
+    return fusion_barrier(jnp.asarray(tables.fan)[vertex].transpose(2, 1, 0))
 
 
-@apart
+@noinline
 def _fan_normal(
     vertex: Int[Array, " n"], fan: Int[Array | np.ndarray, "2 k n"], flat: Float[Array, " c3"]
 ) -> Float[Array, "3 n"]:
@@ -226,7 +226,7 @@ def _fan_normal(
     return _unit(_weighted(at, around).sum(axis=1))
 
 
-@apart
+@noinline
 def _weighted(at: Float[Array, "3 n"], around: Float[Array, "3 2 k n"]) -> Float[Array, "3 k n"]:
     """Return the normals of triangles around vertices, each as long as its angle there."""
     ab, ac = (around[:, side] - at[:, None] for side in range(2))

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
-from garment_jax.geometry.apart import apart
 from garment_jax.geometry.laplacian import LaplacianTable
+from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.triangle import dot
 
 NO_LENGTH = 1e-6  # metres: two vertices that met have a length all the same
@@ -165,7 +165,7 @@ def elastic_gradient(x: Float[Array, "3 n"], edges: Edges, tables: ElasticTables
     return _together(bent, x, pulled, tables)
 
 
-@apart
+@noinline
 def _pull(
     own: Float[Array, "3 m"],
     edges: Float[Array, "3 k m"],
@@ -182,7 +182,7 @@ def _pull(
     return pull
 
 
-@apart
+@noinline
 def _together(
     bent: Float[Array, "3 n"], x: Float[Array, "3 n"], pulled: list[Array], tables: ElasticTables
 ) -> Array:
@@ -195,7 +195,7 @@ def edges_of(P: Float[Array, "3 n"], tables: ElasticTables) -> Edges:
     return tuple(own[:, None] - around for (_, own), around in pairs)
 
 
-@apart
+@noinline
 def accelerated(
     new: Float[Array, "3 n"], x: Float[Array, "3 n"], y: Float[Array, "3 n"], theta: Float[Array, ""]
 ) -> tuple[Array, Array, Array]:
@@ -209,7 +209,7 @@ def accelerated(
     return new, new + beta * (new - x), following
 
 
-@apart
+@noinline
 def _laplacian(around: Edges, x: Array, tables: ElasticTables, weight: list[np.ndarray]) -> Array:
     """Return sum_k w_ik (x_k - x_i) `[3, n]`; the transpose has other weights and the same diagonal."""
     sums = []
@@ -229,7 +229,7 @@ def _own(x: Array, tables: ElasticTables) -> Iterator[tuple[Band, Array]]:
         start += len(band.total)
 
 
-@apart
+@noinline
 def _neighbours(x: Array, tables: ElasticTables) -> Edges:
     """Return the neighbours `[3, k, m]` in every band; a gather for each of them takes longer."""
     flat = x.reshape(-1)

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from garment_jax.geometry.apart import apart
-from garment_jax.geometry.marked import WORD, marked_up_to, pack, select, word_bits
+from garment_jax.geometry.bitset import WORD, marked_up_to, pack, select, word_bits
+from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.surface_search import PosedSurface
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 
@@ -19,7 +19,7 @@ PAIRS = 128  # pairs of a point and a branch taken at a time
 TESTS = 64  # pairs of a point and a leaf tested at a time
 
 
-@apart
+@noinline
 def winding_by_ray(
     points: Float[Array, "3 k"],
     ahead: Bool[Array, " k"],
@@ -58,7 +58,7 @@ def winding_by_ray(
     return jax.lax.while_loop(lambda s: s[0] < up_to[-1], pairs, start)[1]
 
 
-@apart
+@noinline
 def _branches_met(
     points: Float[Array, "3 k"], ahead: Bool[Array, " k"], asked: Bool[Array, " k"], surface: PosedSurface
 ) -> UInt32[Array, "k w"]:
@@ -71,7 +71,7 @@ def _branches_met(
     return jnp.where(met, word_bits()[None, :, None], jnp.uint32(0)).sum(axis=1, dtype=jnp.uint32).T
 
 
-@apart
+@noinline
 def _full_words(surface: PosedSurface) -> tuple[Array, Array]:
     """Return the branches' least and greatest coordinates `[3, w, 1]`; no ray meets those that fill up."""
     fill = ((0, 0), (0, -surface.low.shape[1] % WORD))
@@ -79,7 +79,7 @@ def _full_words(surface: PosedSurface) -> tuple[Array, Array]:
     return low[..., None], high[..., None]
 
 
-@apart
+@noinline
 def _leaves_met(
     points: Float[Array, "3 k"],
     ahead: Bool[Array, " k"],
@@ -98,7 +98,7 @@ def _leaves_met(
     return pack(met)
 
 
-@apart
+@noinline
 def _crossings(
     points: Float[Array, "3 k"],
     ahead: Bool[Array, " k"],
@@ -137,7 +137,7 @@ def _edge(x: Array, y: Array, u: Array, v: Array) -> tuple[Array, Array]:
     return (value > 0) != turned, jnp.where(turned, -value, value)
 
 
-@apart
+@noinline
 def _added(
     around: Int[Array, " k"], which: Int[Array, " t"], count: Int[Array, " t"], valid: Bool[Array, " t"]
 ) -> Int[Array, " k"]:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.geometry.apart import materialised
+from garment_jax.geometry.noinline import fusion_barrier
 
 
 class Stencil(NamedTuple):
@@ -53,7 +53,7 @@ def apply_stencil(x: jax.Array, stencil: Stencil) -> jax.Array:
 
 def _gather(x: jax.Array, index: np.ndarray | jax.Array, weight: np.ndarray | jax.Array) -> jax.Array:
     each = weight.reshape((1,) * (x.ndim - 2) + (*weight.shape, 1))
-    return (jnp.take(materialised(x), index, axis=-2, mode="clip") * each).sum(axis=-2)
+    return (jnp.take(fusion_barrier(x), index, axis=-2, mode="clip") * each).sum(axis=-2)
 
 
 def _forward(x: jax.Array, stencil: Stencil) -> tuple[jax.Array, Stencil]:

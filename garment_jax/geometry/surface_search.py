@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from garment_jax.geometry.apart import apart, materialised
-from garment_jax.geometry.marked import WORD, marked_up_to, pack, select, word_bits
+from garment_jax.geometry.bitset import WORD, marked_up_to, pack, select, word_bits
+from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 from garment_jax.geometry.triangle import cross, dot, most, squared_distance, squared_length
 
@@ -44,7 +44,7 @@ class Nearest(NamedTuple):
     squared: jax.Array  # [s, g] square metres to it, or the limit's square
 
 
-@apart
+@noinline
 def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedSurface:
     """Return the searchable form of the mesh at `vertices` (any frame, metres)."""
     flat, origin = _centred(jnp.asarray(vertices))
@@ -55,21 +55,21 @@ def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedS
     return PosedSurface(flat, _corner_rows(flat, tables), origin, bounds, low, high, branch_slab)
 
 
-@apart
+@noinline
 def _centred(vertices: Float[Array, "c 3"]) -> tuple[Array, Array]:
     """Return the coordinates one after the other, from the mean of all vertices, and that."""
-    planes = materialised(vertices.T)
+    planes = fusion_barrier(vertices.T)
     origin = planes.mean(axis=1)
     return (planes - origin[:, None]).reshape(-1), origin
 
 
-@apart
+@noinline
 def _leaves(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "3 u l"]:
     """Return the vertices of the leaves, leaves last: what XLA runs eight at a time."""
     return coordinates_of(tables.corners.T, flat)
 
 
-@apart
+@noinline
 def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Array, Array, Array]:
     """Return `bounds`, `low` and `high` of `PosedSurface`."""
     low, high = leaves.min(axis=1), leaves.max(axis=1)
@@ -78,14 +78,14 @@ def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Ar
     return bounds, low.reshape(3, -1, BRANCH).min(axis=2), high.reshape(3, -1, BRANCH).max(axis=2)
 
 
-@apart
+@noinline
 def _corner_rows(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "l k"]:
     named = tables.faces.reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
     named = named + _firsts(flat).reshape(1, 3, 1)
     return _gathered(flat, named.reshape(len(named), -1))
 
 
-@apart
+@noinline
 def _normals(spread: Int[Array | np.ndarray, "3 k"], flat: Float[Array, " c3"]) -> Float[Array, "3 k"]:
     """Return the unit normals of the triangles of these vertices; 0 where they are on a line."""
     at = coordinates_of(spread, flat)
@@ -94,20 +94,20 @@ def _normals(spread: Int[Array | np.ndarray, "3 k"], flat: Float[Array, " c3"]) 
     return n / jnp.where(length > 0, length, 1.0)[None]
 
 
-@apart
+@noinline
 def _slabs(leaves: Float[Array, "3 u l"], n: Float[Array, "3 k"], many: int) -> Float[Array, "5 k"]:
     """Return normals, middles and half thicknesses of `many` leaves each between planes along `n`.
 
     `leaves`: coordinate, vertex, leaf. A patch of skin is flat: its box is several times thicker. Any normal
     is right, a good one is thin; with none at all (a leaf without area) nothing is excluded.
     """
-    height = materialised(dot(leaves, n.repeat(many, axis=1)[:, None]))
-    low, high = materialised((height.min(axis=0), height.max(axis=0)))
+    height = fusion_barrier(dot(leaves, n.repeat(many, axis=1)[:, None]))
+    low, high = fusion_barrier((height.min(axis=0), height.max(axis=0)))
     low, high = low.reshape(-1, many).min(axis=1), high.reshape(-1, many).max(axis=1)
     return jnp.concatenate([n, jnp.stack([(low + high) / 2, (high - low) / 2 + SLACK])])
 
 
-@apart
+@noinline
 def search(
     points: Float[Array, "3 s g"],
     limit: Float[Array, "s g"],
@@ -129,7 +129,7 @@ def search(
     return _nearest(*found, limit)
 
 
-@apart
+@noinline
 def _tested(
     words: UInt32[Array, "g w"],
     rows: Float[Array, "g 3 s"],
@@ -165,13 +165,13 @@ def _tested(
     return jax.lax.while_loop(lambda state: state[0] < up_to[-1], pairs, start)[1:]
 
 
-@apart
+@noinline
 def _nothing_found(limit: Float[Array, "s g"]) -> tuple[Array, Array]:
     key = _key(jnp.where(limit < 0, 0.0, limit * limit).reshape(-1), LEAF - 1)
     return key, jnp.full(limit.size, -1, jnp.int32)
 
 
-@apart
+@noinline
 def _nearest(key: Int[Array, " n"], where: Int[Array, " n"], limit: Float[Array, "s g"]) -> Nearest:
     triangle = jnp.where(where < 0, -1, where * LEAF + (key & (LEAF - 1)).astype(jnp.int32))
     digits = jnp.float64 if key.dtype == jnp.int64 else jnp.float32
@@ -179,13 +179,13 @@ def _nearest(key: Int[Array, " n"], where: Int[Array, " n"], limit: Float[Array,
     return Nearest(triangle.astype(jnp.int32).reshape(limit.shape), squared.reshape(limit.shape))
 
 
-@apart
+@noinline
 def _rows(words: UInt32[Array, "w g"], points: Float[Array, "3 s g"], limit: Float[Array, "s g"]):
     """Return the same, group after group: what is looked up there lies together."""
     return words.T, points.transpose(2, 0, 1), limit.T
 
 
-@apart
+@noinline
 def _inner(
     rows: Float[Array, "g 3 s"],
     limits: Float[Array, "g s"],
@@ -199,7 +199,7 @@ def _inner(
     return pack((reached & valid[:, None, None]).reshape(len(group), -1))
 
 
-@apart
+@noinline
 def _looked_up(
     rows: Float[Array, "g 3 s"],
     limits: Float[Array, "g s"],
@@ -210,7 +210,7 @@ def _looked_up(
     return rows[group], limits[group], bounds[branch]
 
 
-@apart
+@noinline
 def _named(
     pair: Int[Array, " t"],
     place: Int[Array, " t"],
@@ -225,17 +225,17 @@ def _named(
     return point, branch[pair] * BRANCH + place // s, jnp.where(valid, point, s * g)
 
 
-@apart
+@noinline
 def _nearest_in(
     flat: Float[Array, "3 n"], point: Int[Array, " t"], corners: Float[Array, "l c"], its: Int[Array, " t"]
 ) -> Int[Array, " k"]:
     """Return the least key of each test's triangles."""
     rows = corners[its].reshape(-1, 3, 3, LEAF).transpose(1, 2, 0, 3)
-    squared = materialised(squared_distance(flat[:, point], rows))
+    squared = fusion_barrier(squared_distance(flat[:, point], rows))
     return _key(squared, jnp.arange(LEAF, dtype=jnp.int32)[None]).min(axis=-1)
 
 
-@apart
+@noinline
 def _noted(
     key: Int[Array, " n"],
     where: Int[Array, " n"],
@@ -306,14 +306,14 @@ def branches_within(gap_squared: Float[Array, "w g"], widest: Float[Array, " g"]
     return jnp.where(within, word_bits()[None, :, None], jnp.uint32(0)).sum(axis=1, dtype=jnp.uint32)
 
 
-@apart
+@noinline
 def _marks(points: Float[Array, "3 s g"], limit: Float[Array, "s g"], surface: PosedSurface) -> Array:
     """Return the marks `[w / 32, g]` of the pairs of a group and a branch that may hold a closest point."""
     gap = branch_gap_squared(*group_boxes(points, limit >= 0), surface)
     return branches_within(gap, limit.max(axis=0))
 
 
-@apart
+@noinline
 def _reached(
     points: Float[Array, "k 3 s"], limit: Float[Array, "k s"], bounds: Float[Array, "k 11 b"]
 ) -> Array:
@@ -329,13 +329,13 @@ def _reached(
     return (squared <= (limit * limit)[:, None]) & (limit >= 0)[:, None]
 
 
-@apart
+@noinline
 def distance_to(
     triangle: Int[Array, " n"], points: Float[Array, "3 n"], surface: PosedSurface, tables: SurfaceTables
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
-    vertex = materialised(jnp.asarray(tables.faces)[triangle].T)
-    corners = materialised(coordinates_of(vertex, surface.flat))
+    vertex = fusion_barrier(jnp.asarray(tables.faces)[triangle].T)
+    corners = fusion_barrier(coordinates_of(vertex, surface.flat))
     squared = squared_distance(points, corners[..., None])[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from garment_jax.geometry.apart import apart
+from garment_jax.geometry.noinline import noinline
 
 _MM = 1e3  # per metre
 
@@ -29,7 +29,7 @@ class FrameFigures(NamedTuple):
     pop: jax.Array | np.ndarray  # metres, largest change of a vertex' correction since the last frame, or 0
 
 
-@apart
+@noinline
 def correction_of(
     V: Float[Array, "n 3"], V_f: Float[Array, "n 3"], free: Bool[np.ndarray, " n"]
 ) -> Float[Array, "n 3"]:
@@ -39,7 +39,7 @@ def correction_of(
     return jnp.where(jnp.isfinite(correction), correction, 0.0)
 
 
-@apart
+@noinline
 def pop_of(
     correction: Float[Array, "n 3"], last: Float[Array, "n 3"], begun: Bool[Array, ""]
 ) -> Float[Array, ""]:

@@ -14,12 +14,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from garment_jax.collision.projection import initial_state
-from garment_jax.collision.result import CollisionResult, CollisionState
-from garment_jax.collision.solver import resolve_collisions
-from garment_jax.collision.tightening import resolve_unstretched
-from garment_jax.geometry.apart import apart
+from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.strain_limit import strain_limited
+from garment_jax.postprocess.collision.projection import initial_state
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState
+from garment_jax.postprocess.collision.solver import resolve_collisions
+from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
 from garment_jax.postprocess.figures import FrameFigures, correction_of, pop_of
 from garment_jax.postprocess.limb_crossings import (
@@ -197,6 +197,6 @@ def _resolved(
     return result, following._replace(correction=_chosen(kept, state.correction, following.correction))
 
 
-@apart
+@noinline
 def _chosen(kept: Array, x: Array | float, y: Array) -> Array:
     return jnp.where(kept, x, y)

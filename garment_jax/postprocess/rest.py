@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from garment_jax.collision.result import CollisionResult, CollisionState, Outcome
-from garment_jax.geometry.apart import apart
+from garment_jax.geometry.noinline import noinline
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome
 
 STILL = 1e-4  # metres: a body whose vertices stay within this of where they were stands
 SETTLE = 15  # frames of a standing body that are resolved as any other: folds come to rest
@@ -39,7 +39,7 @@ def init_rest(V_f: Float[Array, "n 3"], collider: Float[Array, "c 3"]) -> RestSt
     return RestState(V_f, jnp.zeros_like(V_f), collider, none, jnp.zeros((), V_f.dtype), none, none, none)
 
 
-@apart
+@noinline
 def at_rest(
     state: RestState, V_f: Float[Array, "n 3"], collider: Float[Array, "c 3"]
 ) -> tuple[Int[Array, ""], Bool[Array, ""]]:
@@ -54,7 +54,7 @@ def at_rest(
     return frames, (frames > SETTLE) & (squared < QUIET**2).all()
 
 
-@apart
+@noinline
 def freeze(
     result: CollisionResult, state: CollisionState, held: Float[Array, "n 3"], kept: Bool[Array, ""]
 ) -> tuple[CollisionResult, CollisionState]:
@@ -69,7 +69,7 @@ def freeze(
     return result._replace(V=V), jax.tree.map(lambda a, b: jnp.where(frozen, a, b), frozen_state, state)
 
 
-@apart
+@noinline
 def kept_correction(
     outcome: Int[Array, ""],
     kept: Bool[Array, ""],
@@ -84,7 +84,7 @@ def kept_correction(
     return jnp.where(kept & (outcome == Outcome.STILL_INSIDE), held - V_f, correction)
 
 
-@apart
+@noinline
 def next_rest(state: RestState, found: RestState, kept: Bool[Array, ""]) -> RestState:
     """Return what follows a frame `found` so; one that `kept` the correction says of before what is known."""
     known = found._replace(

@@ -6,11 +6,15 @@ import numpy as np
 from jaxtyping import Int
 
 from garment_jax.body.limbs import Limbs
-from garment_jax.collision.options import CollisionOptions
-from garment_jax.collision.tables import CollisionTables, make_collider_tables, make_collision_tables
 from garment_jax.geometry.elastic import ElasticTables
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.strain_limit import StrainTables, make_strain_tables
+from garment_jax.postprocess.collision.options import CollisionOptions
+from garment_jax.postprocess.collision.tables import (
+    CollisionTables,
+    make_collider_tables,
+    make_collision_tables,
+)
 from garment_jax.postprocess.edge_lengths import make_length_tables
 from garment_jax.postprocess.limb_crossings import CrossingTables, make_crossing_tables
 from garment_jax.postprocess.pins import pin_extension

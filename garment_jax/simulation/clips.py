@@ -14,10 +14,10 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 
-from garment_jax.data.content_hash import scene_hash, stored_attribute, stored_hash
-from garment_jax.data.replaceable import COLLIDED, RESTARTED
-from garment_jax.data.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.io.content_hash import scene_hash, stored_attribute, stored_hash
+from garment_jax.io.overwrite_checks import COLLIDED, RESTARTED
+from garment_jax.io.sequence_writer import INT16_REACH, SequenceWriter
 from garment_jax.simulation.many import AT_ONCE, Task, check_counts, simulate_many
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings

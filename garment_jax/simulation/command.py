@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from garment_jax.data.hdf5 import dataset, has, open_hdf5, read_all
-from garment_jax.data.layout import Field, check_fields
-from garment_jax.data.npz import read_arrays
-from garment_jax.data.sequence import Sequence
-from garment_jax.data.validation import check_motion
-from garment_jax.embedded.motions import MOTIONS, make_dance, make_motion
 from garment_jax.evaluation.penetration import neighbour_faces
-from garment_jax.intake.motions import SUFFIXES, read_motion
+from garment_jax.importers.motions import SUFFIXES, read_motion
+from garment_jax.io.hdf5 import dataset, has, open_hdf5, read_all
+from garment_jax.io.layout import Field, check_fields
+from garment_jax.io.npz import read_arrays
+from garment_jax.io.sequence import Sequence
+from garment_jax.io.validation import check_motion
+from garment_jax.procedural.motions import MOTIONS, make_dance, make_motion
 from garment_jax.simulation.clips import ENGINE, Job
 from garment_jax.simulation.rest_shape import rest_shape
 from garment_jax.simulation.settings import ClothSettings, parse_cloth

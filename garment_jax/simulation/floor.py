@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.rmse import rmse_per_frame
+from garment_jax.io.sequence import Sequence
 from garment_jax.progress import FrameProgress
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, check_motion

@@ -8,9 +8,9 @@ import numpy as np
 
 from garment_jax.body.crossed_motion import cross_motions
 from garment_jax.body.vary import Variation, cut, vary_motion
-from garment_jax.data.content_hash import scene_hash, stored_attribute
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.validation import check_motion, check_scene
+from garment_jax.io.content_hash import scene_hash, stored_attribute
+from garment_jax.io.sequence import open_sequence
+from garment_jax.io.validation import check_motion, check_scene
 from garment_jax.simulation.clips import Job
 from garment_jax.simulation.command import check_collider, check_same_cloth
 from garment_jax.simulation.settings import ClothSettings

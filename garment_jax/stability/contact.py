@@ -10,16 +10,6 @@ import jax
 import numpy as np
 
 from garment_jax.body.kinematics import collider_points
-from garment_jax.collision import (
-    CollisionOptions,
-    CollisionState,
-    CollisionTables,
-    Outcome,
-    initial_state,
-    make_collider_tables,
-    make_collision_tables,
-    resolve_collisions,
-)
 from garment_jax.evaluation.penetration import (
     TOLERANCE_MM,
     closed_surface,
@@ -31,6 +21,16 @@ from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.surface_tables import SurfaceTables
 from garment_jax.geometry.winding_number import winding_number
+from garment_jax.postprocess.collision import (
+    CollisionOptions,
+    CollisionState,
+    CollisionTables,
+    Outcome,
+    initial_state,
+    make_collider_tables,
+    make_collision_tables,
+    resolve_collisions,
+)
 from garment_jax.stability.case import Case, at_most, holds, info
 from garment_jax.structs import Scene
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import joint_positions
-from garment_jax.collision import initial_state
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.postprocess.collision import initial_state
 from garment_jax.stability.case import Case, Findings, at_most, info, left_out
 from garment_jax.stability.contact import Contact, Solve, contact_cases, make_contact, pushed, solve
 from garment_jax.stability.subject import Subject, canonical_pose, root_frame_collider

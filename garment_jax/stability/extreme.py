@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from garment_jax.animation.animate import animate, training_range
 from garment_jax.body.motion_features import chosen_joints
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.data.validation import check_motion
 from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.rollout.animate import animate, training_range
-from garment_jax.rollout.model import Model, template_for
+from garment_jax.io.validation import check_motion
+from garment_jax.model.store import Model, template_for
 from garment_jax.stability.case import Case, Curve, Findings, at_most, info, left_out, refused
 from garment_jax.stability.extreme_motions import calmest_pose, extreme_motions, looped
 from garment_jax.stability.script import HOLD, Part, make_script

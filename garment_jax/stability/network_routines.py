@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.motion_input import motion_input
-from garment_jax.motion.network import gru_step
-from garment_jax.rollout.model import Model, skinned_template, template_for
-from garment_jax.rollout.scan import latent_rollout
-from garment_jax.rollout.step import init_state
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.model.compose import init_state
+from garment_jax.model.motion.network import gru_step
+from garment_jax.model.scan import latent_rollout
+from garment_jax.model.store import Model, skinned_template, template_for
 from garment_jax.stability.routine import Routine, typed
 from garment_jax.stability.subject import Subject
 from garment_jax.structs import FrameInput

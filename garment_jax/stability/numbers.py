@@ -12,17 +12,17 @@ import numpy as np
 
 from garment_jax.body.motion_features import motion_features
 from garment_jax.body.root_frame import from_root, to_root
-from garment_jax.data.sequence import SequenceWriter, open_sequence
-from garment_jax.data.template import STD_FLOOR, Statistics, make_template
-from garment_jax.data.validation import check_input, check_motion, check_scene
-from garment_jax.generative.blocks import InstanceNorm
-from garment_jax.generative.losses import size_of
-from garment_jax.generative.network import position_map
+from garment_jax.dataset.template import STD_FLOOR, Statistics, make_template
 from garment_jax.geometry.closest_point import closest_point_exact
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.normals import vertex_normals
 from garment_jax.geometry.skinning import skin, softmax_weights, unskin
-from garment_jax.motion.network import normalise_motion
+from garment_jax.io.sequence import SequenceWriter, open_sequence
+from garment_jax.io.validation import check_input, check_motion, check_scene
+from garment_jax.model.generative.blocks import InstanceNorm
+from garment_jax.model.generative.losses import size_of
+from garment_jax.model.generative.network import position_map
+from garment_jax.model.motion.network import normalise_motion
 from garment_jax.stability.case import Case, Findings, at_most, finite, left_out, refused
 from garment_jax.stability.contact import Contact, closest_points, make_contact
 from garment_jax.stability.subject import Subject, canonical_pose

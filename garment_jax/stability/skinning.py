@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.seeds import make_seeds
-from garment_jax.data.motion_input import motion_input
+from garment_jax.dataset.motion_input import motion_input
 from garment_jax.geometry.skinning import DAMPING, skin, softmax_weights, unskin
 from garment_jax.stability.case import Case, Curve, Findings, at_least, at_most, finite
 from garment_jax.stability.subject import Subject, hardest_pose

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.collision import make_collision_tables
-from garment_jax.embedded.scene import make_scene
 from garment_jax.evaluation.penetration import closed_surface, signed_distance
 from garment_jax.geometry.laplacian import LaplacianTable, cotangent_table, laplacian, uniform_table
 from garment_jax.geometry.normals import vertex_normals
 from garment_jax.geometry.surface_tables import make_surface_tables
+from garment_jax.postprocess.collision import make_collision_tables
+from garment_jax.procedural.scene import make_scene
 from garment_jax.stability.case import Case, Curve, Findings, at_most, finite, left_out
 from garment_jax.stability.contact import (
     Contact,

@@ -9,12 +9,12 @@ import numpy as np
 from garment_jax.body.kinematics import collider_points, pose_body
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.body.vary import LEGS
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.validation import check_input
-from garment_jax.embedded.motions import make_dance, make_motion
-from garment_jax.embedded.scene import make_scene
-from garment_jax.embedded.skeleton import JOINT_NAMES
-from garment_jax.rollout.model import Model
+from garment_jax.io.sequence import open_sequence
+from garment_jax.io.validation import check_input
+from garment_jax.model.store import Model
+from garment_jax.procedural.motions import make_dance, make_motion
+from garment_jax.procedural.scene import make_scene
+from garment_jax.procedural.skeleton import JOINT_NAMES
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.pipeline import trained_model
 

@@ -16,10 +16,10 @@ import optax
 from jax.typing import ArrayLike
 
 from garment_jax.config import BodyConfig, Config, DataConfig, GenerativeConfig, TrainingConfig, UvConfig
-from garment_jax.data.batches import random_frames
-from garment_jax.data.sequence import SequenceWriter
+from garment_jax.dataset.batches import random_frames
 from garment_jax.evaluation.drift import skinned_template, skinning_weights
-from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
+from garment_jax.io.sequence import SequenceWriter
+from garment_jax.model.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.stability.case import Case, Curve, Findings, at_most, holds, left_out
 from garment_jax.stability.subject import Subject
 from garment_jax.structs import Motion, TrainState

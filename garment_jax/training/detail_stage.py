@@ -7,17 +7,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.cached_arrays import cached_list
-from garment_jax.data.prepared import targets_of
-from garment_jax.detail.train_step import DetailBatch, init_players, make_detail_train_step, side_by_side
-from garment_jax.generative.network import decode
+from garment_jax.animation.clips import stack_motions
+from garment_jax.dataset.cached_arrays import cached_list
+from garment_jax.dataset.prepared import targets_of
+from garment_jax.model.compose import init_state
+from garment_jax.model.detail.train_step import (
+    DetailBatch,
+    init_players,
+    make_detail_train_step,
+    side_by_side,
+)
+from garment_jax.model.generative.network import decode
+from garment_jax.model.scan import latent_rollout
 from garment_jax.progress import FrameProgress
-from garment_jax.rollout.clips import stack_motions
-from garment_jax.rollout.scan import latent_rollout
-from garment_jax.rollout.step import init_state
 from garment_jax.structs import FrameInput
-from garment_jax.training.begin_from import begun_from
-from garment_jax.training.codes import true_codes
+from garment_jax.training.latents import true_latents
+from garment_jax.training.pretrained import load_pretrained
 from garment_jax.training.run import Run, optimise, say
 
 CHUNK = 50  # frames of a rollout at a time
@@ -48,7 +53,7 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
     params = init_players(
         jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
     )
-    params["G"] = begun_from(training.begin_from, "detail", params["G"])
+    params["G"] = load_pretrained(training.begin_from, "detail", params["G"])
     trained = optimise(
         run,
         "detail",
@@ -68,7 +73,7 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
 def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
     """Return the codes `[t, latent]` of the frames to enhance, by clip: of the truth, or of free rollouts."""
     if run.config.detail.source == "reconstruction":
-        return true_codes(run, generative)
+        return true_latents(run, generative)
 
     def rolled_out() -> list[np.ndarray]:
         say("detail: rolling out the training clips")

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.batches import random_frames, spread_frames
-from garment_jax.generative.canonical import posed
-from garment_jax.generative.network import decode, encode, init_generative
-from garment_jax.generative.principal import begin_linear
-from garment_jax.generative.train_step import GenerativeBatch, make_generative_train_step
+from garment_jax.dataset.batches import random_frames, spread_frames
+from garment_jax.model.generative.canonical import posed
+from garment_jax.model.generative.network import decode, encode, init_generative
+from garment_jax.model.generative.principal import begin_linear
+from garment_jax.model.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.structs import FrameInput
-from garment_jax.training.begin_from import begun_from
+from garment_jax.training.pretrained import load_pretrained
 from garment_jax.training.run import Run, checkpointer, optimise, say
 
 START_FRAMES = 2_400  # frames whose principal components the model begins from
@@ -47,7 +47,7 @@ def begin_generative(run: Run) -> dict:
     params = init_generative(jax.random.key(run.config.training.seed), run.template, config=config)
     folder = run.config.training.begin_from
     if folder:
-        return begun_from(folder, "generative", params)
+        return load_pretrained(folder, "generative", params)
     if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
     V, T_tilde = spread_frames(run.data, START_FRAMES)

@@ -6,7 +6,8 @@ from functools import partial
 import jax
 import numpy as np
 
-from garment_jax.data.batches import (
+from garment_jax.animation.clips import rollout_batch
+from garment_jax.dataset.batches import (
     lane_codes,
     lane_inputs,
     lane_schedule,
@@ -14,10 +15,11 @@ from garment_jax.data.batches import (
     lane_vertices,
     lane_weights,
 )
-from garment_jax.data.prepared import targets_of
-from garment_jax.motion.network import init_motion
-from garment_jax.motion.train_step import MotionBatch, empty_carry, make_motion_train_step
-from garment_jax.motion.warm_up import (
+from garment_jax.dataset.prepared import targets_of
+from garment_jax.model.compose import init_state
+from garment_jax.model.motion.network import init_motion
+from garment_jax.model.motion.train_step import MotionBatch, empty_carry, make_motion_train_step
+from garment_jax.model.motion.warm_up import (
     LinearGarment,
     WarmUpBatch,
     empty_warm_up_carry,
@@ -25,11 +27,9 @@ from garment_jax.motion.warm_up import (
     make_warm_up_step,
     pooled_map,
 )
-from garment_jax.rollout.clips import rollout_batch
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import init_state
-from garment_jax.training.begin_from import begun_from
-from garment_jax.training.codes import true_codes
+from garment_jax.model.scan import make_rollout
+from garment_jax.training.latents import true_latents
+from garment_jax.training.pretrained import load_pretrained
 from garment_jax.training.run import Run, optimise
 
 LINEAR_FRAMES = 1_200  # frames that the linearised garment is fitted to
@@ -38,14 +38,14 @@ LINEAR_FRAMES = 1_200  # frames that the linearised garment is fitted to
 def train_motion(run: Run, generative: dict) -> dict:
     """Return the trained parameters of the motion encoder; goes on from the newest checkpoint."""
     config = run.config.motion
-    Z = true_codes(run, generative)
+    Z = true_latents(run, generative)
     params = init_motion(
         jax.random.key(run.config.training.seed + 2),
         run.template,
         config=config,
         generative=run.config.generative,
     )
-    params = begun_from(run.config.training.begin_from, "motion", params)
+    params = load_pretrained(run.config.training.begin_from, "motion", params)
     if config.warm_up_steps and run.config.generative.linear_skip:
         params = _warm_up(run, params, generative, Z)
     if not config.steps:

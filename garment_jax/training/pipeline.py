@@ -6,10 +6,10 @@ from typing import Any
 import jax
 
 from garment_jax.config import Config, to_dict
-from garment_jax.data.lanes import check_window
-from garment_jax.data.prepared import DataSet
-from garment_jax.rollout.model import Model, from_metadata, load_model
-from garment_jax.training.begin_from import begun_model
+from garment_jax.dataset.lanes import check_window
+from garment_jax.dataset.prepared import DataSet
+from garment_jax.model.store import Model, from_metadata, load_model
+from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
 
 
@@ -27,7 +27,7 @@ def train(
     go together, and `OSError` where another process trains there.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
-    from garment_jax.swing.tables import hangs_on_pins, make_swing_tables
+    from garment_jax.model.column_rnn.tables import hangs_on_pins, make_swing_tables
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
@@ -156,14 +156,14 @@ def trained_model(path: str | Path) -> Model:
         found["motion"] = early.tree("params")
     beginning = metadata["config"]["training"]["begin_from"] if found else ""
     if set(found) == {"swing"} and beginning:
-        codes = begun_model(beginning, path)
+        codes = pretrained_model(beginning, path)
         found = codes.params | found
         own = ("swing", "simulation", "rollout", "collision", "training")
         mine = {k: metadata["config"][k] for k in own if k in metadata["config"]}
         metadata["config"] = to_dict(codes.config) | mine  # its [data] too: mirrored clips pose the codes
     for stage in ("generative", "motion"):
         if beginning and stage not in found and not _steps_of(stage, metadata["config"]):
-            found[stage] = begun_model(beginning, path).params[stage]
+            found[stage] = pretrained_model(beginning, path).params[stage]
     for stage in ("generative", "motion"):
         if stage not in found:
             raise ValueError(

@@ -11,18 +11,18 @@ import numpy as np
 import optax
 
 from garment_jax.config import Config, content_hash, to_dict
-from garment_jax.data.content_hash import garment_hash
-from garment_jax.data.prepared import DataSet, prepare, training_clips
-from garment_jax.data.sequence import open_sequence
-from garment_jax.data.start import make_start
-from garment_jax.data.template import Template, scene_template
+from garment_jax.dataset.prepared import DataSet, prepare, training_clips
+from garment_jax.dataset.start import make_start
+from garment_jax.dataset.template import Template, scene_template
+from garment_jax.io.content_hash import garment_hash
+from garment_jax.io.sequence import open_sequence
 from garment_jax.structs import TrainState
 from garment_jax.training.average import with_average
-from garment_jax.training.begin_from import find_beginning
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import StepFn, run_stage
 from garment_jax.training.optimiser import make_optimiser
+from garment_jax.training.pretrained import find_beginning
 from garment_jax.training.run_directory import FACTS_NAME, check_run, prepare_run
 
 
@@ -89,7 +89,7 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
         "statistics": statistics,
     }
     if stage == "swing":
-        from garment_jax.swing.tables import seen_body
+        from garment_jax.model.column_rnn.tables import seen_body
 
         metadata["seen"] = seen_body(run.data.scene).described()
     return Checkpointer(run.folder, stage, metadata=metadata)

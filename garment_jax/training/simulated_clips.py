@@ -9,9 +9,9 @@ import numpy as np
 
 from garment_jax.body.seeds import Seeds
 from garment_jax.config import Config, SimulationConfig
-from garment_jax.data.lanes import check_window
-from garment_jax.data.prepared import DataSet, PreparedClip, mirror_image, prepared_in_memory
-from garment_jax.data.template import canonical_weights
+from garment_jax.dataset.lanes import check_window
+from garment_jax.dataset.prepared import DataSet, PreparedClip, mirror_image, prepared_in_memory
+from garment_jax.dataset.template import canonical_weights
 from garment_jax.simulation.command import read_pattern
 from garment_jax.simulation.drawn_motions import drawn_motions
 from garment_jax.simulation.many import Task, simulate_many

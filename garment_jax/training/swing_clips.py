@@ -12,14 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from garment_jax.data.lanes import LaneWindow
-from garment_jax.data.prepared import DataSet, PreparedClip, frames_of
-from garment_jax.data.template import SwingTables
+from garment_jax.dataset.lanes import LaneWindow
+from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of
+from garment_jax.dataset.template import SwingTables
+from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.network import cells_of
+from garment_jax.model.column_rnn.train_step import SwingBatch
 from garment_jax.simulation.many import in_processes
 from garment_jax.structs import SwingFrame
-from garment_jax.swing.motion import swing_frames
-from garment_jax.swing.network import cells_of
-from garment_jax.swing.train_step import SwingBatch
 
 CHUNK = 256  # frames of a clip whose cells are found at a time
 

@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.data.lanes import make_schedule
-from garment_jax.data.template import SwingTables
-from garment_jax.swing.network import at_rest, init_swing
-from garment_jax.swing.rollout import make_swing_rollout, roll_clip
-from garment_jax.swing.tables import make_swing_tables
-from garment_jax.swing.train_step import make_swing_train_step
-from garment_jax.training.begin_from import begun_from, has_part, other_ring
+from garment_jax.dataset.lanes import make_schedule
+from garment_jax.dataset.template import SwingTables
+from garment_jax.model.column_rnn.network import at_rest, init_swing
+from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip
+from garment_jax.model.column_rnn.tables import make_swing_tables
+from garment_jax.model.column_rnn.train_step import make_swing_train_step
+from garment_jax.training.pretrained import has_part, load_pretrained, other_ring
 from garment_jax.training.run import Run, optimise, say
 from garment_jax.training.swing_clips import CHUNK, batches, swing_clips
 
@@ -37,7 +37,7 @@ def train_swing(run: Run) -> dict:
     params = init_swing(jax.random.key(seed + 7), config=config)
     folder = run.config.training.begin_from
     if has_part(folder, "swing") and not other_ring(folder, run.config):
-        params = begun_from(folder, "swing", params)
+        params = load_pretrained(folder, "swing", params)
     return optimise(
         run,
         "swing",

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.data.replaceable import check_own
-from garment_jax.data.sequence import Sequence, open_sequence
 from garment_jax.evaluation.colours import HEAT
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
+from garment_jax.io.overwrite_checks import check_own
+from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.viewer.inside import inside_bits
 from garment_jax.viewer.page import PageWriter
 from garment_jax.viewer.payload import CHUNK, Walk, make_walk, pack_array, pack_chunk, quantise, step_for

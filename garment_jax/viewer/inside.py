@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from garment_jax.body.kinematics import collider_points, pose_body
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.penetration import (
     closed_surface,
@@ -13,6 +12,7 @@ from garment_jax.evaluation.penetration import (
     neighbour_faces,
     signed_distance,
 )
+from garment_jax.io.sequence import Sequence
 
 
 def inside_bits(

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.data.sequence import Sequence
 from garment_jax.evaluation.pair import check_garment, check_motion
+from garment_jax.io.sequence import Sequence
 
 
 class Shown(NamedTuple):

@@ -6,12 +6,12 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from garment_jax.animation.animate import Chunk
 from garment_jax.baselines import METHODS, Runner
 from garment_jax.config import BaselinesConfig, Config, DataConfig
-from garment_jax.rollout.animate import Chunk
 from garment_jax.structs import Motion
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 BASELINES = BaselinesConfig(
     lanes=3,

@@ -10,8 +10,8 @@ from garment_jax.baselines.fitting import open_baseline
 from garment_jax.config import SimulationConfig
 from garment_jax.training.run import open_run
 from garment_jax.training.simulated_clips import with_simulated_clips
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 CLOTH = ("substeps=3", "iterations=3", "linear_iterations=8", "settle=2", "blend=2", "hold=1")
 CONFIG = replace(

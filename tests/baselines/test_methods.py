@@ -10,6 +10,7 @@ from garment_jax.baselines import METHODS, Runner
 from garment_jax.body.root_frame import from_root
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
+from tests.animation.tiny_model import SCENE
 from tests.baselines.small import (
     MOTION,
     SMALL,
@@ -22,7 +23,6 @@ from tests.baselines.small import (
     write_data,
 )
 from tests.reference.scene import make_vertices
-from tests.rollout.tiny_model import SCENE
 
 STAGES = {
     "santesteban_2019": ("santesteban",),

@@ -17,9 +17,9 @@ from garment_jax.baselines.pan_network import (
     rollout,
 )
 from garment_jax.baselines.recurrent import init_recurrent
-from garment_jax.data.template import Template
-from garment_jax.rollout.model import template_for
-from tests.rollout.tiny_model import SCENE, tiny_model
+from garment_jax.dataset.template import Template
+from garment_jax.model.store import template_for
+from tests.animation.tiny_model import SCENE, tiny_model
 
 BONES = 5
 

@@ -14,7 +14,7 @@ from garment_jax.baselines.recurrent import (
     recur,
     window_loss,
 )
-from garment_jax.data.lanes import LaneWindow
+from garment_jax.dataset.lanes import LaneWindow
 from garment_jax.structs import TrainState
 
 PARAMS = jax.jit(lambda key: init_recurrent(key, inputs=3, width=4, outputs=2))(jax.random.key(0))

@@ -11,8 +11,8 @@ from garment_jax.baselines import Runner
 from garment_jax.baselines.features import columns
 from garment_jax.baselines.ridge import fit_ridge, rollout, with_past
 from garment_jax.body.motion_features import feature_names
+from tests.animation.tiny_model import SCENE
 from tests.baselines.small import MOTION, SMALL, animated, fitted, looped, shortened, whole, write_data
-from tests.rollout.tiny_model import SCENE
 
 
 @pytest.fixture(scope="module")

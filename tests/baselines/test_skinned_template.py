@@ -11,14 +11,14 @@ from garment_jax.baselines import METHODS, Runner, skinned_template
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import CollisionConfig, RolloutConfig
-from garment_jax.data.motion_input import motion_input
-from garment_jax.data.start import make_skinned_template
+from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.start import make_skinned_template
 from garment_jax.evaluation.penetration import closed_surface, neighbour_faces, signed_distance
 from garment_jax.postprocess import pipeline
 from garment_jax.stability.subject import root_frame_collider
+from tests.animation.tiny_model import SCENE
 from tests.baselines.small import MOTION, SMALL, animated, fitted, looped, shortened, whole, write_data
 from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import SCENE
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.sequence import SequenceWriter
+from garment_jax.io.sequence import SequenceWriter
 from tests.benchmarks.scripts import script
 from tests.reference.scene import make_motion, make_scene
 

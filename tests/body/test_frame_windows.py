@@ -10,9 +10,9 @@ from garment_jax.body.frame_windows import FrameWindows, stretches
 from garment_jax.body.motion_features import ALL, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, headings
-from garment_jax.data.motion_input import frame_inputs, motion_input
+from garment_jax.dataset.motion_input import frame_inputs, motion_input
+from tests.animation.tiny_model import seeds
 from tests.reference.scene import make_motion, make_scene
-from tests.rollout.tiny_model import seeds
 
 SCENE = make_scene()
 

@@ -16,8 +16,8 @@ from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.geometry.skinning import skin, unskin_frames
 from garment_jax.structs import Motion
+from tests.animation.tiny_model import SCENE
 from tests.baselines.small import MOTION
-from tests.rollout.tiny_model import SCENE
 
 
 def test_the_body_skinned_by_joint_transforms_is_the_body() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from garment_jax.body.joint_names import match_joints, missing_joints, plain_name, roles_of, without_numbers
-from garment_jax.embedded.skeleton import JOINT_NAMES, PARENTS
+from garment_jax.procedural.skeleton import JOINT_NAMES, PARENTS
 
 # one arm and one leg in the words of a program, with its hips, neck and head
 PROGRAMS = {

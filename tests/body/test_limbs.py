@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from garment_jax.body.limbs import limbs_of
-from garment_jax.collision.solid import everything
+from garment_jax.postprocess.collision.solid import everything
 from tests.reference.scene import JOINTS, make_scene
 
 SCENE = make_scene()

@@ -20,7 +20,7 @@ from garment_jax.config import (
 from garment_jax.config.key import metadata
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-# benchmark*.toml say which of these are compared: another schema (tests/benchmark/test_settings.py)
+# benchmark*.toml say which of these are compared: another schema (tests/bench/test_settings.py)
 SHIPPED = sorted(set(CONFIGS.glob("*.toml")) - set(CONFIGS.glob("benchmark*.toml")))
 
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from garment_jax.body.root_frame import yaw_matrix
-from garment_jax.data.sequence import SequenceWriter, open_sequence
 from garment_jax.evaluation import command, sted
 from garment_jax.evaluation.command import evaluate_files
 from garment_jax.evaluation.hausdorff import hausdorff
 from garment_jax.evaluation.rmse import mean_distance, rmse
 from garment_jax.evaluation.summary import mean_metrics
 from garment_jax.evaluation.table import COLUMNS, REST_OF_THE_BODY, format_table
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
 FRAMES = 40

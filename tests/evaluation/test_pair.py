@@ -2,8 +2,8 @@ import h5py
 import numpy as np
 import pytest
 
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.pair import check_pair, read_finite
+from garment_jax.io.sequence import open_sequence
 from tests.reference.scene import make_motion, make_scene, write_clip
 
 

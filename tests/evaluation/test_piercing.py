@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from garment_jax.evaluation.piercing import pierced_bones
-from tests.collision.cloth import sheet
+from tests.postprocess.collision.cloth import sheet
 
 V, FACES = sheet(0.0)
 

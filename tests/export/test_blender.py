@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.data.sequence import open_sequence
 from garment_jax.export.command import export_file
-from garment_jax.formats.any_mesh_cache import read_cache
-from garment_jax.formats.blender import find_blender, run_blender
+from garment_jax.io.formats.any_mesh_cache import read_cache
+from garment_jax.io.formats.blender import find_blender, run_blender
+from garment_jax.io.sequence import open_sequence
 from tests.reference.scene import write_clip
 
 SCRIPT = Path(__file__).with_name("open_in_blender.py")

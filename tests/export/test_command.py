@@ -8,11 +8,11 @@ import pytest
 import trimesh
 
 from garment_jax.cli import main
-from garment_jax.data.sequence import open_sequence
 from garment_jax.export.command import export_file
-from garment_jax.formats.any_mesh_cache import read_cache
-from garment_jax.formats.obj import read_obj
-from garment_jax.formats.pc2 import read_pc2_header
+from garment_jax.io.formats.any_mesh_cache import read_cache
+from garment_jax.io.formats.obj import read_obj
+from garment_jax.io.formats.pc2 import read_pc2_header
+from garment_jax.io.sequence import open_sequence
 from garment_jax.storage.lock import lock_name, locked
 from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene, skin, write_clip
@@ -40,7 +40,7 @@ def opened(folder: Path, format: str, *, body: bool = False) -> Any:
         with np.load(folder / "a.npz") as found:
             return found["body_vertices" if body else "vertices"]
     if format == "usd":
-        from garment_jax.formats.usd import read_usd
+        from garment_jax.io.formats.usd import read_usd
 
         return read_usd(folder / "a.usdc", mesh="Body" if body else "Garment").vertices[:]
     name = OUT[format].replace(".", "_body.") if body else OUT[format]
@@ -247,7 +247,7 @@ def test_what_does_not_fit_is_refused(
 
 
 def test_files_that_cannot_be_exported(tmp_path: Path, clip: Path, capsys):
-    from garment_jax.data.sequence import SequenceWriter
+    from garment_jax.io.sequence import SequenceWriter
 
     assert main(["export", str(tmp_path), "--out", str(tmp_path / "a.pc2")]) == 2
     assert "is a folder; name a sequence file" in capsys.readouterr().err

@@ -12,13 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.data.sequence import open_sequence
 from garment_jax.export.glb import MOST_TARGETS, split_vertices, write_glb
 from garment_jax.export.glb_body import largest_weights
-from garment_jax.formats.blender import find_blender, run_blender
-from garment_jax.formats.gltf import read_animation, read_rigged
-from garment_jax.formats.gltf_accessors import read_accessor
-from garment_jax.formats.gltf_container import open_gltf
+from garment_jax.io.formats.blender import find_blender, run_blender
+from garment_jax.io.formats.gltf import read_animation, read_rigged
+from garment_jax.io.formats.gltf_accessors import read_accessor
+from garment_jax.io.formats.gltf_container import open_gltf
+from garment_jax.io.sequence import open_sequence
 from garment_jax.structs import Garment, Motion
 from tests.reference.scene import make_body, write_clip
 

@@ -6,12 +6,12 @@ import pytest
 
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.root_frame import to_root, yaw_matrix
-from garment_jax.data.start import make_skinned_template
+from garment_jax.dataset.start import make_skinned_template
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.geometry.skinning import softmax_weights
 from garment_jax.structs import Motion
+from tests.animation.tiny_model import CONFIG, JOINTS, SCENE, inputs_of, seeds, template
 from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import CONFIG, JOINTS, SCENE, inputs_of, seeds, template
 
 
 def turned(degrees: float) -> Motion:

@@ -12,9 +12,9 @@ pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_graph import OPSETS, Port, to_onnx  # noqa: E402
-from garment_jax.generative.blocks import leaky  # noqa: E402
-from garment_jax.generative.convolution import down_convolution, up_convolution  # noqa: E402
 from garment_jax.geometry.stencil import apply_stencil, make_stencil  # noqa: E402
+from garment_jax.model.generative.blocks import leaky  # noqa: E402
+from garment_jax.model.generative.convolution import down_convolution, up_convolution  # noqa: E402
 
 RNG = np.random.default_rng(3)
 KERNEL = RNG.normal(size=(4, 4, 3, 5)).astype(np.float32)

@@ -16,14 +16,12 @@ from garment_jax.body.root_frame import from_root  # noqa: E402
 from garment_jax.export import onnx_check  # noqa: E402
 from garment_jax.export.onnx_check import open_graph  # noqa: E402
 from garment_jax.export.onnx_step import export_step  # noqa: E402
+from garment_jax.model.compose import init_state  # noqa: E402
+from garment_jax.model.scan import make_rollout  # noqa: E402
+from garment_jax.model.store import Model, model_input, save_model, skinned_template  # noqa: E402
 from garment_jax.postprocess.pins import attach, pin_extension  # noqa: E402
-from garment_jax.rollout.model import Model, model_input, save_model, skinned_template  # noqa: E402
-from garment_jax.rollout.scan import make_rollout  # noqa: E402
-from garment_jax.rollout.step import init_state  # noqa: E402
 from garment_jax.structs import Motion  # noqa: E402
-from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
-from tests.reference.tiny_swing import swinging_model  # noqa: E402
-from tests.rollout.tiny_model import (  # noqa: E402
+from tests.animation.tiny_model import (  # noqa: E402
     CONFIG,
     JOINTS,
     SCENE,
@@ -35,6 +33,8 @@ from tests.rollout.tiny_model import (  # noqa: E402
     template,
     tiny_model,
 )
+from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
+from tests.reference.tiny_swing import swinging_model  # noqa: E402
 
 
 @pytest.fixture(scope="module")

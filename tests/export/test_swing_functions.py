@@ -10,15 +10,15 @@ import pytest
 
 from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.export.swing_functions import begun, flat, length, swing_input, swung, unflat
-from garment_jax.rollout.model import model_input, skinned_template
-from garment_jax.rollout.scan import make_rollout
-from garment_jax.rollout.step import RolloutState, init_state
+from garment_jax.model.column_rnn.motion import BEFORE, FEATURES, swing_frames
+from garment_jax.model.column_rnn.tables import make_swing_tables
+from garment_jax.model.compose import RolloutState, init_state
+from garment_jax.model.scan import make_rollout
+from garment_jax.model.store import model_input, skinned_template
 from garment_jax.structs import Motion
-from garment_jax.swing.motion import BEFORE, FEATURES, swing_frames
-from garment_jax.swing.tables import make_swing_tables
+from tests.animation.tiny_model import SCENE, seeds, template
 from tests.reference.scene import make_motion
 from tests.reference.tiny_swing import SWING, swinging_model, tables
-from tests.rollout.tiny_model import SCENE, seeds, template
 
 
 def turned(degrees: float, t: int = 14) -> Motion:

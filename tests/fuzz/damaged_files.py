@@ -174,16 +174,16 @@ def _run_kinds(options: argparse.Namespace, good_files: Path) -> None:
 
 def load(*, jax: bool) -> None:
     """Import what the commands use, once for all forks; what animates and trains with `jax` alone."""
-    import garment_jax.data.importer
     import garment_jax.export.command
-    import garment_jax.intake.clips
-    import garment_jax.intake.formats
-    import garment_jax.validator.report
-    import garment_jax.validator.validate
+    import garment_jax.importers.clips
+    import garment_jax.importers.formats
+    import garment_jax.io.importer
+    import garment_jax.validation.report
+    import garment_jax.validation.validate
 
     if jax:
-        import garment_jax.rollout.animate
-        import garment_jax.rollout.collide
+        import garment_jax.animation.animate
+        import garment_jax.animation.collide
         import garment_jax.training.pipeline
         import garment_jax.training.run  # noqa: F401
 

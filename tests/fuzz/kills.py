@@ -117,11 +117,11 @@ def _import_everything() -> None:
     """Import what the commands import when they run, so that a fork begins at once."""
     import infer  # noqa: F401
     import train  # noqa: F401
+    from garment_jax.animation import animate, collide  # noqa: F401
     from garment_jax.cli import make_parser
     from garment_jax.evaluation import render  # noqa: F401
     from garment_jax.export import command as _  # noqa: F401
-    from garment_jax.intake import clips, scenes  # noqa: F401
-    from garment_jax.rollout import animate, collide  # noqa: F401
+    from garment_jax.importers import clips, scenes  # noqa: F401
     from garment_jax.training import pipeline, run  # noqa: F401
 
     make_parser()

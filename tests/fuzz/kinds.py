@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.data.packed import write_packed
-from tests.formats.test_alembic import archive, sampling
 from tests.fuzz.command_lines import in_a_fork
-from tests.intake.glb_files import glb_parts
-from tests.intake.good_files import MOTION, SCENE, V, write_all, write_usd
+from tests.importers.glb_files import glb_parts
+from tests.importers.good_files import MOTION, SCENE, V, write_all, write_usd
+from tests.io.formats.test_alembic import archive, sampling
+from tests.io.packed import write_packed
 from tests.reference.scene import write_clip
 
 _OWN = "--garment skirt.obj --body me.npz"
@@ -159,14 +159,14 @@ def write_good(folder: Path, kind: str) -> None:
 
 def _write_models(folder: Path) -> None:
     """Write a saved model, one of an older version, a run, one without digests, and what a run is of."""
+    from garment_jax.animation.variants import VARIANTS
     from garment_jax.config import to_dict, to_toml
-    from garment_jax.data.content_hash import garment_hash
-    from garment_jax.rollout.model import save_model
-    from garment_jax.rollout.variants import VARIANTS
+    from garment_jax.io.content_hash import garment_hash
+    from garment_jax.model.store import save_model
     from garment_jax.training.checkpoint import Checkpointer
     from garment_jax.training.run_directory import prepare_run
-    from tests.rollout.tiny_model import CONFIG, tiny_model
-    from tests.rollout.tiny_model import SCENE as scene
+    from tests.animation.tiny_model import CONFIG, tiny_model
+    from tests.animation.tiny_model import SCENE as scene
 
     model = tiny_model()
     for name in ("model", "older"):

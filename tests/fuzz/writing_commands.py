@@ -71,10 +71,10 @@ def make_files(folder: Path) -> None:
     from dataclasses import replace
 
     from garment_jax.config import to_toml
-    from garment_jax.rollout.model import save_model
+    from garment_jax.model.store import save_model
+    from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
     from tests.reference.files import write_body, write_bvh, write_obj
     from tests.reference.scene import make_motion, write_clip
-    from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
     save_model(tiny_model(), folder / "model")
     for k in (1, 2, 3):

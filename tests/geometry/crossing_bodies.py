@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.embedded.mannequin import make_mannequin
 from garment_jax.geometry.winding_number import winding_number
+from garment_jax.procedural.mannequin import make_mannequin
 from garment_jax.structs import Motion, RiggedBody
 
 # joint: its turn against its parent, degrees about x (left), y (up) and z (front)

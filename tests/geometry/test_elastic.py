@@ -18,7 +18,7 @@ from garment_jax.geometry.elastic import (
 )
 from garment_jax.geometry.laplacian import cotangent_table, uniform_table
 from garment_jax.geometry.topology import unique_edges
-from tests.collision.cloth import sheet
+from tests.postprocess.collision.cloth import sheet
 
 REST, FACES = sheet(0.0)
 EDGES = unique_edges(FACES)

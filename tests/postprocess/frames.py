@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.collision import CollisionOptions
+from garment_jax.postprocess.collision import CollisionOptions
 from garment_jax.postprocess.pipeline import BodyFrame
 from garment_jax.postprocess.tables import ContactTables
-from tests.collision.cloth import tables
+from tests.postprocess.collision.cloth import tables
 
 
 def contact_tables(pins: np.ndarray, options: CollisionOptions) -> ContactTables:

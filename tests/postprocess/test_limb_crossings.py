@@ -19,7 +19,7 @@ from garment_jax.postprocess.limb_crossings import (
     make_crossing_tables,
     undo_crossings,
 )
-from tests.collision.cloth import sheet
+from tests.postprocess.collision.cloth import sheet
 
 RADIUS = 0.08
 LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([RADIUS, RADIUS]))

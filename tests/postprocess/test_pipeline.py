@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from garment_jax.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
-from garment_jax.data.lanes import repeated_last
+from garment_jax.animation.chunks import scan_frames
+from garment_jax.dataset.lanes import repeated_last
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.postprocess import pipeline
+from garment_jax.postprocess.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
 from garment_jax.postprocess.pipeline import contact_init, contact_step
 from garment_jax.postprocess.tables import Tables, make_shape_tables
-from garment_jax.rollout.chunks import scan_frames
 from garment_jax.structs import Garment
-from tests.collision.cloth import sheet, tables
+from tests.postprocess.collision.cloth import sheet, tables
 from tests.postprocess.frames import body_frames, contact_tables
 
 PINS = np.array([0, 23, 552, 575], np.int32)

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.collision import CollisionOptions, Outcome
+from garment_jax.animation.chunks import scan_frames
 from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.postprocess.collision import CollisionOptions, Outcome
 from garment_jax.postprocess.pipeline import contact_init, contact_step
 from garment_jax.postprocess.rest import QUIET, SETTLE
-from garment_jax.rollout.chunks import scan_frames
-from tests.collision.cloth import sheet, tables
+from tests.postprocess.collision.cloth import sheet, tables
 from tests.postprocess.frames import body_frames, contact_tables
 
 PINS = np.array([0, 23, 552, 575], np.int32)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.intake.glb_files import _Buffer, pack_glb
+from tests.importers.glb_files import _Buffer, pack_glb
 from tests.reference.layout_files import joint_worlds, local_frames
 from tests.reference.layouts import Joint
 from tests.reference.person import Performance, about, forward

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.config import MotionConfig
-from garment_jax.generative.network import decode
-from garment_jax.generative.principal import begin_linear, fit_linear_model
-from garment_jax.motion.network import MotionCarry, carry_over, init_motion, motion_code, motion_gates
-from garment_jax.motion.train_step import MotionBatch
+from garment_jax.model.generative.network import decode
+from garment_jax.model.generative.principal import begin_linear, fit_linear_model
+from garment_jax.model.motion.network import MotionCarry, carry_over, init_motion, motion_code, motion_gates
+from garment_jax.model.motion.train_step import MotionBatch
 from garment_jax.structs import FrameInput
 from tests.reference.small_model import GENERATIVE, MOTION, fast_key, small_model
 

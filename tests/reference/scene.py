@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.data.sequence import SequenceWriter
+from garment_jax.io.sequence import SequenceWriter
 from garment_jax.structs import Collider, Garment, Motion, Pins, RiggedBody, Scene
 
 JOINTS: tuple[tuple[str, int, tuple[float, float, float]], ...] = (

@@ -9,9 +9,9 @@ import numpy as np
 from garment_jax.body.root_frame import to_root
 from garment_jax.body.seeds import Seeds, make_seeds
 from garment_jax.config import GenerativeConfig, MotionConfig
-from garment_jax.data.motion_input import MotionInput, motion_input
-from garment_jax.data.template import STD_FLOOR, Statistics, Template, make_template
-from garment_jax.generative.network import init_generative
+from garment_jax.dataset.motion_input import MotionInput, motion_input
+from garment_jax.dataset.template import STD_FLOOR, Statistics, Template, make_template
+from garment_jax.model.generative.network import init_generative
 from garment_jax.structs import Scene
 from tests.reference import skinning
 from tests.reference.scene import make_motion, make_scene, make_vertices

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.formats.smpl import standard_parents
+from garment_jax.io.formats.smpl import standard_parents
 
 # rest positions of the 22 joints of the body, metres, Y up, the origin near the chest; then the hands
 _REST = (

@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.config import SwingConfig
-from garment_jax.data.template import SwingTables
-from garment_jax.rollout.model import Model
+from garment_jax.dataset.template import SwingTables
+from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.network import init_swing
+from garment_jax.model.column_rnn.tables import make_swing_tables
+from garment_jax.model.store import Model
 from garment_jax.structs import Motion, SwingFrame
-from garment_jax.swing.motion import swing_frames
-from garment_jax.swing.network import init_swing
-from garment_jax.swing.tables import make_swing_tables
+from tests.animation.tiny_model import SCENE, drawn, tiny_model
 from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import SCENE, drawn, tiny_model
 
 SWING = SwingConfig(
     steps=8, columns=8, rows=3, hidden=6, width=8, around=3, layers=1, window=5, lanes=2, lane_windows=3

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from garment_jax import progress
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
 from garment_jax.simulation.clips import ENGINE, Job, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from garment_jax.embedded.mannequin import make_mannequin
+from garment_jax.procedural.mannequin import make_mannequin
 from garment_jax.simulation.command import (
     check_collider,
     check_numbers,

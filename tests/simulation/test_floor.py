@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
 from garment_jax.simulation.floor import Floor, floor_of, summary
 from garment_jax.simulation.settings import ClothSettings
 from tests.reference.scene import make_motion, make_scene, write_clip

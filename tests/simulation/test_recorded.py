@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from garment_jax.data.packed_clip import decode_steps, find_assets, read_scene
+from garment_jax.io.packed_clip import decode_steps, find_assets, read_scene
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.structs import Motion
 

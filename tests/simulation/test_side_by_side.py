@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.data.sequence import open_sequence
+from garment_jax.io.sequence import open_sequence
 from garment_jax.simulation import many
 from garment_jax.simulation.clips import Job, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits

@@ -2,11 +2,11 @@
 
 from functools import lru_cache
 
-from garment_jax.rollout.model import Model
+from garment_jax.model.store import Model
 from garment_jax.stability.case import Case
 from garment_jax.stability.subject import Subject
+from tests.animation.tiny_model import SCENE, tiny_model
 from tests.reference.scene import make_motion
-from tests.rollout.tiny_model import SCENE, tiny_model
 
 
 @lru_cache(maxsize=2)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from garment_jax.collision import Outcome
+from garment_jax.postprocess.collision import Outcome
 from garment_jax.stability import contact, deep, stiff
 from garment_jax.stability.case import GREEN, LEFT_OUT, RED
 from garment_jax.stability.subject import Subject

@@ -7,7 +7,7 @@ from garment_jax.stability.case import GREEN, LEFT_OUT, RED
 from garment_jax.stability.extreme_motions import SHAKE_G, TELEPORT, calmest_pose, extreme_motions
 from garment_jax.stability.script import HOLD, SLOWLY, Part, make_script
 from garment_jax.structs import Motion
-from tests.rollout.tiny_model import CONFIG, SCENE
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.stability.small import reds, small_subject
 
 CALM = calmest_pose(small_subject().motions, SCENE.body)

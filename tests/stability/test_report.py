@@ -8,8 +8,8 @@ import pytest
 from garment_jax.cli import main
 from garment_jax.stability import report
 from garment_jax.stability.case import Curve, Findings, at_most, left_out
+from tests.animation.tiny_model import SCENE
 from tests.reference.scene import make_motion, make_scene, write_clip
-from tests.rollout.tiny_model import SCENE
 
 
 @pytest.fixture

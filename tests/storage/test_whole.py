@@ -92,7 +92,7 @@ def test_a_folder_that_fills_up_meanwhile_stays(tmp_path: Path):
 def test_files_are_moved_into_place_in_one_room() -> None:
     package = Path(__file__).parents[2] / "garment_jax"
     own_order = {
-        "rollout/model_folder.py",
+        "model/folder.py",
         "training/checkpoint.py",
     }  # several moves that a reader tells apart
     movers = {

@@ -15,18 +15,18 @@ import jax
 import numpy as np
 import pytest
 
+from garment_jax.animation.animate import animate_file
 from garment_jax.config import to_toml
-from garment_jax.data.sequence import open_sequence
-from garment_jax.rollout.animate import animate_file
-from garment_jax.rollout.model import load_model, save_model
+from garment_jax.io.sequence import open_sequence
+from garment_jax.model.store import load_model, save_model
 from garment_jax.storage.scratch import make_scratch
 from garment_jax.training import swing_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train, trained_model
+from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_swing import SWING, swinging_model
-from tests.rollout.tiny_model import CONFIG, SCENE, tiny_model
 
 ROOT = Path(__file__).parents[2]
 STAGES = ("generative", "warm_up", "motion", "detail")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from garment_jax.config import Config, DataConfig
-from garment_jax.data.content_hash import garment_hash
+from garment_jax.io.content_hash import garment_hash
 from garment_jax.structs import Motion
 from garment_jax.training.run import checkpointer, open_run
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, make_scene, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 ALONE = replace(CONFIG, data=DataConfig(validation=()))
 

@@ -12,17 +12,17 @@ import pytest
 
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.config import Config, SimulationConfig, SwingConfig
-from garment_jax.data.prepared import DataSet, PreparedClip, frames_of, prepare, prepared_in_memory
-from garment_jax.data.template import SwingTables, canonical_weights
+from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, prepare, prepared_in_memory
+from garment_jax.dataset.template import SwingTables, canonical_weights
+from garment_jax.model.column_rnn.train_step import SwingBatch
 from garment_jax.simulation import many
 from garment_jax.structs import TrainState
-from garment_jax.swing.train_step import SwingBatch
 from garment_jax.training import pipeline, simulated_clips, swing_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, make_vertices, write_clip
 from tests.reference.tiny_swing import SWING
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 pytest.importorskip("newton")
 

@@ -11,17 +11,17 @@ import pytest
 
 from garment_jax import progress
 from garment_jax.config import DataConfig
-from garment_jax.data.prepared import frames_of
-from garment_jax.generative.canonical import posed
-from garment_jax.generative.network import decode, encode
-from garment_jax.rollout.scan import latent_rollout, make_rollout
-from garment_jax.rollout.step import init_state
+from garment_jax.dataset.prepared import frames_of
+from garment_jax.model.compose import init_state
+from garment_jax.model.generative.canonical import posed
+from garment_jax.model.generative.network import decode, encode
+from garment_jax.model.scan import latent_rollout, make_rollout
 from garment_jax.structs import FrameInput
 from garment_jax.training import detail_stage, generative_stage, motion_stage
-from garment_jax.training.codes import true_codes
+from garment_jax.training.latents import true_latents
 from garment_jax.training.run import Run, open_run
+from tests.animation.tiny_model import CONFIG, SCENE, alone, canonical_model, first_state, tiny_model
 from tests.reference.scene import make_motion, write_clip
-from tests.rollout.tiny_model import CONFIG, SCENE, alone, canonical_model, first_state, tiny_model
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +62,18 @@ def canonical(folder: Path):
 def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, capsys, monkeypatch):
     monkeypatch.setattr(progress, "_LINE_SECONDS", 0.0)
     params = tiny_model().params["generative"]
-    Z = true_codes(run, params)
+    Z = true_latents(run, params)
     assert [z.shape for z in Z] == [(9, 8), (9, 8)]
     V = frames_of(run.data.train[1], np.arange(9), run.data)
     mean = jax.jit(lambda V: encode(params, V, template=run.template, config=CONFIG.generative).mean)
     np.testing.assert_allclose(Z[1], mean(jnp.asarray(V)), atol=1e-4)
     assert "motion: 18/18 frames" in capsys.readouterr().err
-    for again, code in zip(true_codes(run, {}), Z, strict=True):
+    for again, code in zip(true_latents(run, {}), Z, strict=True):
         np.testing.assert_array_equal(again, code)
     assert not capsys.readouterr().err
-    cache = run.folder / "cache" / "true_codes.npz"
+    cache = run.folder / "cache" / "true_latents.npz"
     cache.write_bytes(cache.read_bytes()[:-99])  # damaged, it is made anew
-    for again, code in zip(true_codes(run, params), Z, strict=True):
+    for again, code in zip(true_latents(run, params), Z, strict=True):
         np.testing.assert_array_equal(again, code)
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from garment_jax.data.lanes import make_schedule
-from garment_jax.data.prepared import DataSet, prepare
+from garment_jax.dataset.lanes import make_schedule
+from garment_jax.dataset.prepared import DataSet, prepare
 from garment_jax.structs import SwingFrame
 from garment_jax.training.swing_clips import SwingClip, batches, swing_clips
+from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_swing import tables
-from tests.rollout.tiny_model import CONFIG, SCENE
 
 
 @pytest.fixture(scope="module")

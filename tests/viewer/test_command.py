@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main
-from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.viewer import command
 from garment_jax.viewer.command import view_files
 from tests.reference.scene import make_motion, make_scene, make_vertices, write_clip

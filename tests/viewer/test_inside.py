@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.viewer.inside import inside_bits
 from tests.reference.scene import make_motion, make_scene, make_vertices
 

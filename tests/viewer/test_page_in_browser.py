@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from garment_jax.data.sequence import open_sequence
 from garment_jax.evaluation.rmse import rmse, rmse_per_frame
+from garment_jax.io.sequence import open_sequence
 from garment_jax.viewer import command
 from garment_jax.viewer.command import view_files
 from tests.reference.scene import make_motion, make_scene, write_clip

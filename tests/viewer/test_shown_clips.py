@@ -3,7 +3,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from garment_jax.data.sequence import SequenceWriter, open_sequence
+from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.viewer.shown_clips import choose
 from tests.reference.scene import make_motion, make_scene, write_clip
 

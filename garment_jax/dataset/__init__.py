@@ -1,0 +1,1 @@
+"""Clips made ready for training and animation: statistics, windows, lanes, batches."""

@@ -1,0 +1,59 @@
+"""How XLA on a CPU is kept from fusing what should be computed once, and from sharing out what is small.
+
+What XLA fuses into a gather it computes anew for every number gathered. And of a computation of more than
+eight operations it gives some to another thread as soon as their operands are there, however small, and
+waits for it: a fifth of a frame's collision handling. A function that is called and not inlined is a border
+for both.
+"""
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+import jax
+from jax.core import Tracer
+from jax.experimental.xla_metadata import set_xla_metadata
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def noinline(f: Callable[P, T]) -> Callable[P, T]:
+    """Return `f` compiled as a function of its own within the programs that call it, on a CPU.
+
+    Its results are the same, up to rounding. What pays are pieces of up to eight operations after fusion, and
+    calls of a few such pieces; each result passes through memory. Not traced, `f` is called as it is.
+    """
+
+    @wraps(f)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        leaves, tree = jax.tree.flatten((args, kwargs))  # of which what is traced is passed on
+        places = [i for i, leaf in enumerate(leaves) if isinstance(leaf, Tracer)]
+        if not places or jax.default_backend() != "cpu":
+            return f(*args, **kwargs)
+
+        def within(*traced: jax.Array) -> T:
+            given = dict(zip(places, traced, strict=True))
+            again, named = jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)])
+            with set_xla_metadata(inlineable=None):  # of this border alone, not of those of `jnp` within
+                return f(*again, **named)  # type: ignore[call-arg]
+
+        within.__name__ = f.__name__
+        with set_xla_metadata(inlineable="false"):
+            return jax.jit(within)(*(leaves[i] for i in places))
+
+    return called
+
+
+def fusion_barrier(x: T) -> T:
+    """Return arrays (a tree of numbers) computed once: XLA on a CPU fuses what made them into a gather.
+
+    There it is done once for every neighbour: twelve times the time for two Laplacians in a row, and
+    `optimization_barrier` is dropped before the fusion.
+    """
+    return _same(x)
+
+
+@noinline
+def _same(x: T) -> T:
+    return x

@@ -1,0 +1,109 @@
+"""One frame in, one frame out (paper 3.3 and 3.4): the causal pair `init_state` and `step`."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.config import Config
+from garment_jax.dataset.template import Template
+from garment_jax.model.generative.canonical import posed
+from garment_jax.model.generative.network import decode
+from garment_jax.model.motion.network import MotionCarry, clamped, last_frame, motion_code, motion_gates
+from garment_jax.structs import FrameInput, SwingCarry
+
+
+class RolloutState(NamedTuple):
+    """What a rollout carries from frame to frame."""
+
+    codes: MotionCarry
+    swing: SwingCarry | None = None  # of the swing's ring; None: codes alone
+
+
+def init_state(
+    params: dict, V_start: Float[Array, "*b n 3"], *, template: Template, config: Config
+) -> RolloutState:
+    """Return the state before the first frame, from the garment that hangs there.
+
+    `V_start` (metres, root frame of the first frame) is the skinned template (`skinned_template`) or a
+    frame that the user gives, which a model in canonical pose wants unposed (`generative.canonical`).
+    The swing, where `params` and `template` (`template_for`) have one, begins from the template at rest.
+    """
+    lanes = V_start.shape[:-2]
+    codes = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
+    if template.ring is None or "swing" not in params:
+        return RolloutState(codes)
+    from garment_jax.model.column_rnn.network import at_rest  # a part that is off is not even imported
+
+    return RolloutState(codes, at_rest(template.ring, lanes, config=config.swing))
+
+
+def motion_step(
+    params: dict,
+    state: MotionCarry,
+    x: FrameInput,
+    gates: Float[Array, "*b g"],
+    *,
+    template: Template,
+    config: Config,
+) -> tuple[MotionCarry, Float[Array, "*b latent"]]:
+    """Return the codes' next state and latent code; `gates` are `motion_gates` of `x.M`.
+
+    The state holds the frame before detail and before collision: what is fed back in training.
+    """
+    h, Z = motion_code(
+        params["motion"],
+        state.h,
+        last_frame(state.V_prev, clamped(x, template), template),
+        gates,
+        template=template,
+        config=config.motion,
+        generative=config.generative,
+    )
+    V = decode(params["generative"], Z, template=template, config=config.generative).V
+    return MotionCarry(h, V), Z
+
+
+def step(
+    params: dict,
+    state: RolloutState,
+    x: FrameInput,
+    *,
+    template: Template,
+    config: Config,
+    detail: bool = True,
+) -> tuple[RolloutState, Float[Array, "*b n 3"]]:
+    """Return the next state and the garment of this frame, metres, root frame; nothing from the future.
+
+    `params` holds "generative", "motion" and, unless `detail` is off, "detail"; where `state` has a swing,
+    "swing" too, and `x` is from `model_input` (`ValueError` if not). Leading axes `*b` of `state` and `x`
+    are motions side by side.
+    """
+    gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
+    codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
+    V = detail_and_pose(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
+    if state.swing is None:
+        return RolloutState(codes), V
+    from garment_jax.model.column_rnn.rollout import swing_frame
+
+    swing, V = swing_frame(params, state.swing, x, V, template=template, config=config)
+    return RolloutState(codes, swing), V
+
+
+def detail_and_pose(
+    params: dict,
+    V: jax.Array,
+    Z: jax.Array,
+    x: FrameInput,
+    *,
+    template: Template,
+    config: Config,
+    detail: bool = True,
+) -> jax.Array:
+    """Return V_f in root frames: the decoded garment with its detail offset, if wanted and trained."""
+    if detail and "detail" in params:
+        from garment_jax.model.detail.network import enhance  # a part that is off is not even imported
+
+        V = enhance(params["detail"], V, Z, template=template, config=config.detail)
+    return posed(V, x, template=template)

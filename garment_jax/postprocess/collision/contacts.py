@@ -1,0 +1,426 @@
+"""Which vertices are near the body, and where: the constraints of section 3.5, frame after frame.
+
+A vertex that was outside must cross the surface to get in, so only what lies within its own and the
+surface's movement has to be searched; the others are outside without a question.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from garment_jax.geometry.bitset import WORD, marked_up_to, pack_words, select
+from garment_jax.geometry.closest_point import signed_on
+from garment_jax.geometry.noinline import fusion_barrier, noinline
+from garment_jax.geometry.surface_search import (
+    SLACK,
+    PosedSurface,
+    branch_gap_squared,
+    branches_within,
+    coordinates_of,
+    distance_to,
+    group_boxes,
+    search,
+)
+from garment_jax.geometry.triangle import dot, squared_length
+from garment_jax.postprocess.collision.result import CollisionState
+from garment_jax.postprocess.collision.tables import CollisionTables
+
+Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
+Movement = tuple[Float[Array, "3 g"], Float[Array, " g"]]  # mean step and how far a step differs from it
+ANSWERS = 128  # vertices whose correspondence is made at a time
+TOGETHER = 8  # of them that search as a group where few search again
+BRANCHES = 64  # of the surface that are compared with all groups at a time
+T = TypeVar("T")
+PATCH = 32  # groups in a row, which lie together, in one box where branches are left out
+
+
+class Contacts(NamedTuple):
+    """What is known of `m` vertices against one frame's surface, relative to its origin, metres."""
+
+    triangle: jax.Array  # [m] int32 row of the surface tables, near the vertex
+    ds: jax.Array  # [m] signed distance where `known`, and a lower bound of it elsewhere
+    known: jax.Array  # [m] bool: point, direction and ds are exact
+    point: jax.Array  # [3, m] closest point
+    direction: jax.Array  # [3, m] unit gradient of ds; 0 where not known
+
+
+@noinline
+def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 s g"]:
+    """Return the vertices of the groups, the groups last."""
+    return coordinates_of(tables.groups.T, local.reshape(-1))
+
+
+@noinline
+def boxes_of(grouped: Float[Array, "3 s g"]) -> Boxes:
+    """Return the least and the greatest coordinates of the groups."""
+    return group_boxes(grouped, jnp.ones(grouped.shape[1:], bool))
+
+
+@noinline
+def crossing_limit(
+    boxes: Boxes,
+    moved: Float[Array, "3 n"],
+    state: CollisionState,
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Float[Array, " n"]:
+    """Return how near the surface must be to a vertex that was outside for it to be inside now (metres).
+
+    If it crossed a part of the surface on a straight way since the last frame, it lies where that part would
+    be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
+    between its planes, both drawn along that movement. So what slides along the body is not searched.
+    """
+    body = _body_steps(state, surface)
+    ours, groups = _movement(_flat(moved), tables.groups.T), _middle_and_half(*boxes)
+    words, up_to = _marked(_met(boxes, ours, body, surface))
+    return expand_group_values(_past_all(words, up_to, groups, ours, body, surface, tables), tables)
+
+
+@noinline
+def _body_steps(state: CollisionState, surface: PosedSurface) -> Float[Array, " c3"]:
+    """Return how the body's vertices have moved since the last frame, as `PosedSurface.flat`."""
+    return _flat(collider_of(surface) - state.collider)
+
+
+@noinline
+def _past_all(
+    words: UInt32[Array, "r w"],
+    up_to: Int[Array, " r"],
+    groups: Boxes,
+    ours: Movement,
+    body: Float[Array, " c3"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Array:
+    """Return `crossing_limit` of every group past the marked branches."""
+    rows = jnp.asarray(tables.surface.branches)
+
+    def some(state: tuple[Array, Array]):
+        at, limit = state
+        which, _ = _some(at, BRANCHES, words, up_to, len(rows))
+        return at + BRANCHES, _past(which, limit, groups, ours, body, surface, rows)
+
+    start = jnp.int32(0), jnp.zeros_like(ours[1])
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1]
+
+
+@noinline
+def _past(
+    which: Int[Array, " k"],
+    limit: Float[Array, " g"],
+    groups: Boxes,
+    ours: Movement,
+    body: Float[Array, " c3"],
+    surface: PosedSurface,
+    rows: Int[Array, "b w"],
+) -> Array:
+    """Return the greater of `limit` and `crossing_limit` past some branches."""
+    low, high, slab, points = _branches(which, rows, surface)
+    return _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab, limit)
+
+
+@noinline
+def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
+    return planes.reshape(-1)
+
+
+@noinline
+def _met(boxes: Boxes, ours: Movement, body: Float[Array, " c3"], surface: PosedSurface) -> Bool[Array, " b"]:
+    """Return the branches that some group may have met: within a patch's box, drawn along all movement."""
+    return _met_by(_patches(boxes), ours, _extremes(body), surface)
+
+
+@noinline
+def _met_by(
+    patches: tuple[Float[Array, "3 p"], Float[Array, "3 p"]],
+    ours: Movement,
+    its: tuple[Float[Array, "3 q"], Float[Array, "3 q"]],
+    surface: PosedSurface,
+) -> Bool[Array, " b"]:
+    """Return the branches within some patch's box, drawn along the extremes of either's movement."""
+    step, reach = ours
+    back = jnp.maximum((step + reach[None]).max(axis=1) - its[0].min(axis=1), 0.0) + SLACK
+    ahead = jnp.maximum(its[1].max(axis=1) - (step - reach[None]).min(axis=1), 0.0) + SLACK
+    low, high = (patches[0] - back[:, None])[..., None], (patches[1] + ahead[:, None])[..., None]
+    return ((low <= surface.high[:, None]) & (high >= surface.low[:, None])).all(axis=0).any(axis=0)
+
+
+@noinline
+def _extremes(steps: Float[Array, " c3"]) -> Boxes:
+    """Return the least and the greatest steps of every q-th vertex, `[3, q]`: in two goes they vectorise."""
+    steps = steps.reshape(3, -1)
+    steps = jnp.pad(steps, ((0, 0), (0, -steps.shape[1] % WORD)), mode="edge").reshape(3, WORD, -1)
+    return steps.min(axis=1), steps.max(axis=1)
+
+
+@noinline
+def _patches(boxes: Boxes) -> tuple[Array, Array]:
+    """Return the least and the greatest coordinates `[3, p]` of patches of groups."""
+    fill = ((0, 0), (0, -boxes[0].shape[1] % PATCH))
+    low, high = (jnp.pad(x, fill, mode="edge").reshape(3, -1, PATCH) for x in boxes)
+    return low.min(axis=2), high.max(axis=2)
+
+
+@noinline
+def _branches(which: Int[Array, " k"], rows: Int[Array, "b w"], surface: PosedSurface) -> tuple[Array, ...]:
+    """Return the boxes `[3, k]`, the slabs `[5, k]` and the vertices `[w, k]` of some branches."""
+    return surface.low[:, which], surface.high[:, which], surface.branch_slab[:, which], rows[which].T
+
+
+def collider_of(surface: PosedSurface) -> Float[Array, "3 c"]:
+    """Return the vertices of a surface, coordinates first, metres, in the frame in which it was given."""
+    return surface.flat.reshape(3, -1) + surface.origin[:, None]
+
+
+@noinline
+def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Boxes:
+    return (low + high) / 2, (high - low) / 2
+
+
+@noinline
+def _group_limit(
+    group: Boxes,
+    branch: tuple[Float[Array, "3 b"], Float[Array, "3 b"]],
+    ours: Movement,
+    its: tuple[Float[Array, "3 b"], Float[Array, " b"]],
+    slab: Float[Array, "5 b"],
+    limit: Float[Array, " g"],
+) -> Float[Array, " g"]:
+    """Return `crossing_limit` of every group past some branches, of boxes and movements (`_movement`).
+
+    At least `limit`.
+    """
+    (middle, half), (centre, extent), (step, reach), (branch_step, branch_reach) = group, branch, ours, its
+    way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
+    spare = reach[None] + branch_reach[:, None]
+
+    def meet(
+        apart: Float[Array, "b g"], sizes: Float[Array, "b g"], along: Float[Array, "b g"]
+    ) -> Array:  # [-size, size] with one end drawn along, and spare at both
+        return jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
+
+    n = slab[:3, :, None]
+    sizes = dot(jnp.abs(n), half[:, None]) + slab[4][:, None]
+    crossed = meet(dot(n, middle[:, None]) - slab[3][:, None], sizes, dot(n, way))
+    for x in range(3):
+        sizes = half[x][None] + extent[x][:, None]
+        crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
+    return jnp.maximum(limit, greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0)))
+
+
+def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
+    """Return the maximum of each column of numbers >= 0, by their bits: an integer maximum vectorises."""
+    kind, same = (jnp.int64, x) if x.dtype == jnp.float64 else (jnp.int32, x.astype(jnp.float32))
+    bits = jax.lax.bitcast_convert_type(same, kind).max(axis=0)
+    return jax.lax.bitcast_convert_type(bits, same.dtype).astype(x.dtype)
+
+
+def expand_group_values(values: Array, tables: CollisionTables) -> Array:
+    """Return the value `[n]` of each vertex' group, of `[g]`."""
+    return values[jnp.asarray(tables.group)]
+
+
+@noinline
+def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> tuple[Array, Array]:
+    """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
+    steps = _steps_of(flat, points)
+    mean = _mean(steps)
+    return mean, jnp.sqrt(squared_length(steps - mean[:, None]).max(axis=0))
+
+
+@noinline
+def _steps_of(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> Float[Array, "3 k b"]:
+    return coordinates_of(points, flat)
+
+
+@noinline
+def _mean(steps: Float[Array, "3 k b"]) -> Float[Array, "3 b"]:
+    return steps.mean(axis=1)
+
+
+@noinline
+def find_contacts(
+    local: Float[Array, "3 n"],
+    grouped: Float[Array, "3 s g"],
+    last: Int[Array, " n"],
+    limit: Float[Array, " n"],
+    boxes: Boxes,
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Contacts:
+    """Return the contacts of a frame's vertices, all that are asked for (`limit` >= 0); `last`: triangles.
+
+    Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
+    and then is so by `limit`. `grouped` are the same vertices (`in_groups`), `boxes` theirs.
+    """
+    here = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
+    words = _words(*boxes, here, surface)
+    found = search(grouped, here, surface, tables.surface, words).triangle
+    return _all_answered(_without_answers(found, last, limit, tables), local, surface, tables)
+
+
+@noinline
+def _all_answered(
+    contacts: Contacts, local: Float[Array, "3 n"], surface: PosedSurface, tables: CollisionTables
+) -> Contacts:
+    """Return the contacts with the points and directions of all that are known."""
+
+    def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
+        answer = _answered(made, to, *_asked(here, local, made.triangle), surface, tables)
+        return made._replace(**answer)
+
+    return in_chunks(contacts.known, chunk, contacts)
+
+
+@noinline
+def _grouped(
+    limit: Float[Array, " n"], distance: Float[Array, " n"], tables: CollisionTables
+) -> Float[Array, "s g"]:
+    """Return how far each vertex of the groups searches, below 0 if it is not asked."""
+    bound = jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0)
+    return fusion_barrier(bound)[jnp.asarray(tables.groups.T)]
+
+
+@noinline
+def _words(
+    low: Float[Array, "3 g"], high: Float[Array, "3 g"], limit: Float[Array, "s g"], surface: PosedSurface
+) -> Array:
+    """Return the marks of the branches within the groups' widest limits, as `branches_within`."""
+    return branches_within(branch_gap_squared(low, high, surface), fusion_barrier(limit.max(axis=0)))
+
+
+@noinline
+def _without_answers(
+    found: Int[Array, "s g"], last: Int[Array, " n"], limit: Float[Array, " n"], tables: CollisionTables
+) -> Contacts:
+    """Return the contacts of the vertices whose triangles were `found`, but for points and directions."""
+    found = found.reshape(-1)[jnp.asarray(tables.slot)]  # padding repeats a vertex, within its own group
+    near, nowhere = found >= 0, jnp.zeros((3, len(found)), limit.dtype)
+    ds = jnp.where((limit >= 0) & ~near, limit, 0.0)
+    return Contacts(jnp.where(near, found, last), ds, near, nowhere, nowhere)
+
+
+@noinline
+def _asked(
+    here: Int[Array, " k"], local: Float[Array, "3 n"], triangle: Int[Array, " n"]
+) -> tuple[Array, Array]:
+    """Return triangles and places of the vertices `here`."""
+    return triangle[here], local[:, here]
+
+
+@noinline
+def find_again(
+    local: Float[Array, "3 n"],
+    at: Contacts,
+    limit: Float[Array, " n"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Contacts:
+    """Return contacts `at` with those asked for (`limit` >= 0) made anew; the rest stays as it was.
+
+    For a second search in a frame, where those asked are few: the next ones in order search together, and
+    should lie together. Exact as `find_contacts`.
+    """
+
+    def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
+        last, points = _asked(here, local, made.triangle)
+        bound = _bound(here, to, limit, distance_to(last, points, surface, tables.surface))
+        found = search(*together(points, bound), surface, tables.surface, at_once=ANSWERS)
+        found = one_by_one(found.triangle)
+        triangle = jnp.where(found >= 0, found, last)
+        made = made._replace(**_answered(made, to, triangle, points, surface, tables))
+        return made._replace(**_with_the_far(made, here, to, triangle, found, limit))
+
+    return in_chunks(limit >= 0, chunk, at)
+
+
+@noinline
+def _bound(
+    here: Int[Array, " k"], to: Int[Array, " k"], limit: Float[Array, " n"], distance: Float[Array, " k"]
+) -> Float[Array, " k"]:
+    """Return how far the vertices `here` search; those that fill up a chunk do not."""
+    return jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
+
+
+@noinline
+def together(points: Float[Array, "3 k"], bound: Float[Array, " k"]) -> tuple[Array, Array]:
+    """Return the same in groups of those that follow each other, the groups last: `[3, s, g]`, `[s, g]`."""
+    return points.reshape(3, -1, TOGETHER).transpose(0, 2, 1), bound.reshape(-1, TOGETHER).T
+
+
+@noinline
+def one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
+    return found.T.reshape(-1)
+
+
+@noinline
+def _with_the_far(
+    made: Contacts,
+    here: Int[Array, " k"],
+    to: Int[Array, " k"],
+    triangle: Int[Array, " k"],
+    found: Int[Array, " k"],
+    limit: Float[Array, " n"],
+) -> dict[str, Array]:
+    """Return the triangles of the vertices `here`, and of those that `found` none that they are far."""
+    near = found >= 0
+    far = jnp.where(near, len(limit), to)
+    return {
+        "triangle": made.triangle.at[to].set(triangle, mode="drop"),
+        "ds": made.ds.at[far].set(limit[here], mode="drop"),
+        "known": made.known.at[to].set(near, mode="drop"),
+    }
+
+
+def in_chunks(
+    wanted: Bool[Array, " n"], chunk: Callable[[Array, Array, T], T], made: T, many: int = ANSWERS
+) -> T:
+    """Return what is made after `chunk(vertices, where to write, made)` for all that are wanted.
+
+    `many` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
+    """
+    words, up_to = _marked(wanted)
+
+    def one(state: tuple[Array, T]):
+        at, made = state
+        return at + many, chunk(*_some(at, many, words, up_to, len(wanted)), made)
+
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), made))[1]
+
+
+@noinline
+def _marked(wanted: Bool[Array, " n"]) -> tuple[Array, Array]:
+    words = pack_words(jnp.pad(wanted, (0, -len(wanted) % WORD)).reshape(-1, 1, WORD))
+    return words, marked_up_to(words)
+
+
+@noinline
+def _some(
+    at: Int[Array, ""], many: int, words: UInt32[Array, "r w"], up_to: Int[Array, " r"], n: int
+) -> tuple[Array, Array]:
+    """Return `many` of `n` places marked from the number `at` on, and where to write them: nowhere, at n."""
+    word, bit, valid = select(at, many, words, up_to)
+    to = jnp.where(valid, word * WORD + bit, n)
+    return jnp.minimum(to, n - 1), to
+
+
+@noinline
+def _answered(
+    made: Contacts,
+    to: Int[Array, " k"],
+    triangle: Int[Array, " k"],
+    points: Float[Array, "3 k"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> dict[str, Array]:
+    """Return the contacts' answers with those of `points` on their triangles, written `to` their places."""
+    answer = signed_on(triangle, points, surface, tables.surface)
+    return {
+        "ds": made.ds.at[to].set(answer.ds, mode="drop"),
+        "point": made.point.at[:, to].set(answer.point, mode="drop"),
+        "direction": made.direction.at[:, to].set(answer.direction, mode="drop"),
+    }

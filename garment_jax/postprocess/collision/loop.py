@@ -1,0 +1,179 @@
+"""A frame's loop (section 3.5): steps, a search, steps, a search, then pushed out until nothing is inside.
+
+It runs on the vertices that may move, gathered once a frame into arrays of one of two sizes: what a search
+marks and what a projection moves costs what the contacts cost, not what the garment does.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from garment_jax.geometry.noinline import noinline
+from garment_jax.geometry.surface_search import PosedSurface
+from garment_jax.geometry.triangle import squared_length
+from garment_jax.postprocess.collision.contacts import Contacts, find_again
+from garment_jax.postprocess.collision.descent import Iterate, advance
+from garment_jax.postprocess.collision.options import CollisionOptions
+from garment_jax.postprocess.collision.region import Members, Region, make_region, region_sizes, smoothness
+from garment_jax.postprocess.collision.tables import CollisionTables
+
+FAR = 5e-3  # metres after which a bound from before is not trusted
+SMALL = 0.2  # of the garment at most that the smaller of the two sizes holds
+
+
+class End(NamedTuple):
+    """Where a frame's loop ended, for the whole garment."""
+
+    x: jax.Array  # [3, n] displacement from V_f, metres
+    at: Contacts  # of V_f moved by `x`
+    steps: jax.Array  # [] int32 gradient steps taken
+    moved: jax.Array  # [] metres, between the last two searches of the descent
+    objective: jax.Array  # [] ||Lap x||, metres
+
+
+class _Progress(NamedTuple):
+    """The carry of the loop, of the `m` places of a region."""
+
+    now: Iterate
+    at: Contacts  # correspondences of the displacement `searched`
+    searched: jax.Array  # [3, m]
+    steps: jax.Array  # as in `End`
+    moved: jax.Array
+    pushes: jax.Array  # [] int32 projections since the descent ended
+
+
+def iterate(
+    local: Float[Array, "3 n"],
+    x: Float[Array, "3 n"],
+    first: Contacts,
+    members: Members,
+    surface: PosedSurface,
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> End:
+    """Return the end of a frame's loop, begun from the displacement `x`, for a frame with members.
+
+    `local`: V_f with its pins, relative to the surface's origin, metres, whose contacts are `first`.
+    """
+    sizes = region_sizes(tables, options.sizes)
+    few = sum(size <= SMALL * sizes[-1] for size in sizes)
+    loops = [part for part in (sizes[:few], sizes[few:]) if part]
+
+    def solved(sizes: list[int]) -> End:
+        region = make_region(members, tables, sizes[-1])
+        base, start, at = _taken(local, x, first, region)
+        end = _in_region(base, start, at, region, sizes, members.count, surface, tables, options)
+        objective = jnp.sqrt(2 * smoothness(end.now.x, region))
+        return End(*_put_back(x, first, end.now.x, end.at, region), end.steps, end.moved, objective)
+
+    wanted = sum(((members.count >= part[-1]).astype(jnp.int32) for part in loops[:-1]), jnp.int32(0))
+    return jax.lax.switch(wanted, [lambda part=part: solved(part) for part in loops])
+
+
+@noinline
+def _taken(
+    local: Float[Array, "3 n"], x: Float[Array, "3 n"], first: Contacts, region: Region
+) -> tuple[Array, Array, Contacts]:
+    """Return what a region's places have; only of what moves anything is known, and any displacement."""
+    v = region.vertex
+    point, direction, known = first.point[:, v], first.direction[:, v], region.moving & first.known[v]
+    start = jnp.where(region.moving[None], x[:, v], 0.0)
+    return local[:, v], start, Contacts(first.triangle[v], first.ds[v], known, point, direction)
+
+
+@noinline
+def _put_back(
+    x: Float[Array, "3 n"], first: Contacts, moved: Float[Array, "3 m"], at: Contacts, region: Region
+) -> tuple[Array, Contacts]:
+    """Return displacement and contacts of the whole garment, with those of what moves written into them."""
+    to = jnp.where(region.moving, region.vertex, x.shape[1])
+
+    def put(whole: Array, part: Array) -> Array:
+        return whole.at[..., to].set(part, mode="drop")
+
+    return put(x, moved), jax.tree.map(put, first, at)
+
+
+def _in_region(
+    base: Float[Array, "3 m"],
+    x: Float[Array, "3 m"],
+    first: Contacts,
+    region: Region,
+    sizes: list[int],
+    count: Int[Array, ""],
+    surface: PosedSurface,
+    tables: CollisionTables,
+    options: CollisionOptions,
+) -> _Progress:
+    """Return the end of the loop on a region, whose steps take one of `sizes` of its first places."""
+    margin = options.eps * (1 - options.slack)
+
+    def descending(s: _Progress):
+        return (s.steps < options.iterations) & (s.moved > options.tolerance)
+
+    def violated(s: _Progress):
+        lowest = jnp.where(s.at.known, s.at.ds, jnp.inf).min()
+        # what half of the projections left nearer than the margin, but outside, has no room for it
+        wanted = jnp.where(s.pushes < (options.projections + 1) // 2, margin, 0.0)
+        return (lowest < wanted) & (s.pushes < options.projections)
+
+    def body(s: _Progress) -> _Progress:
+        on, margin = descending(s), _push_margin(s.pushes, options)
+        now = advance(on, s.now, base, s.at, region, sizes, count, tables, options, margin=margin)
+        local, ds, limit = _next_limit(now.x, s.searched, base, s.at, region.moving, options)
+        at = find_again(local, s.at._replace(ds=ds), limit, surface, tables)
+        return _Progress(now, at, now.x, *_counted(on, s.steps, s.moved, s.pushes, now.x, s.now.x, options))
+
+    none, one = jnp.int32(0), jnp.ones((), x.dtype)
+    start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
+    return jax.lax.while_loop(lambda s: descending(s) | violated(s), body, start)
+
+
+def _push_margin(pushes: Array, options: CollisionOptions) -> Array:
+    """Return the margin of a projection: in the second half of them, half of the last one's each time.
+
+    That half is for what is inside. Pushed out of one wall by the whole margin, a vertex in a narrower gap
+    is inside the other, and so on; nearer to the wall there is room for it.
+    """
+    return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
+
+
+@noinline
+def _counted(
+    on: Bool[Array, ""],
+    steps: Int[Array, ""],
+    moved: Float[Array, ""],
+    pushes: Int[Array, ""],
+    x: Float[Array, "3 m"],
+    last: Float[Array, "3 m"],
+    options: CollisionOptions,
+):
+    """Return the steps taken, how far the last ones moved, and the projections."""
+    moved = jnp.where(on, jnp.sqrt(squared_length(x - last).max()), moved)
+    return steps + jnp.where(on, options.refresh_every, 0), moved, pushes + jnp.where(on, 0, 1)
+
+
+@noinline
+def _next_limit(
+    x: Float[Array, "3 m"],
+    searched: Float[Array, "3 m"],
+    base: Float[Array, "3 m"],
+    at: Contacts,
+    moving: Bool[Array, " m"],
+    options: CollisionOptions,
+) -> tuple[Array, ...]:
+    """Return the vertices moved by `x`, their distances or bounds, and how far to search around them.
+
+    Only those are asked that may have come within the margin; the others' distance shrinks by what
+    they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
+    may rest on the wrong sign: after a long way it is not trusted.
+    """
+    shift = jnp.sqrt(squared_length(x - searched))
+    local, ds, far = base + x, at.ds - shift, shift > FAR
+    asked = moving & (far | (ds < options.eps))
+    away = local - at.point  # the point is still on the surface: none is farther
+    bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
+    limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
+    return local, ds, jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)

@@ -1,0 +1,48 @@
+"""The constraint of section 3.5: every vertex outside the body by the margin `eps`."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from garment_jax.geometry.closest_point import ClosestPoint
+from garment_jax.geometry.surface_search import nearest_leaf, pose_surface
+from garment_jax.geometry.surface_tables import SurfaceTables
+from garment_jax.postprocess.collision.result import CollisionState
+
+
+@jax.jit
+def initial_state(
+    V: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], surface: SurfaceTables
+) -> CollisionState:
+    """Return the state for a first frame: nothing is known, so it searches every vertex without a limit."""
+    posed = pose_surface(collider_vertices, surface)
+    triangle = nearest_leaf(V - posed.origin[None], posed, surface)
+    nobody = jnp.zeros(len(V), bool)
+    return CollisionState(triangle, V.T, collider_vertices.T, nobody, jnp.zeros_like(V.T), jnp.array(True))
+
+
+def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, " n"]:
+    """Return how far each vertex must move along `at.direction` to be outside by `eps` (metres, >= 0).
+
+    The constraint is the tangent plane at the correspondence: `direction . (V - point) >= eps`.
+    The direction is the gradient of the signed distance, (v - b) / ds, which on a face is the
+    normal; at edges and corners the normal would carry a vertex past the body rather than out.
+    """
+    return jnp.maximum(eps - ((V - at.point) * at.direction).sum(axis=-1), 0.0)
+
+
+def project(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, "n 3"]:
+    """Return the nearest positions that satisfy the constraint against the correspondences `at`.
+
+    A vertex that satisfies it comes back bitwise unchanged.
+    """
+    height = lift(V, at, eps)[:, None]
+    return jnp.where(height > 0, V + height * at.direction, V)
+
+
+def penetration(at: ClosestPoint, *, eps: float = 1e-3) -> Float[Array, ""]:
+    """Return sum max(eps - ds, 0) over the vertices, in metres (section 3.5, second term).
+
+    Differentiable in the vertices and in the body through `at`; usable as a training loss.
+    """
+    return jnp.maximum(eps - at.ds, 0.0).sum()

@@ -1,0 +1,126 @@
+"""Collisions resolved without stretching the cloth: pushed out, shortened along the body, pushed out again.
+
+What is pushed out of a limb or pulled over it gets longer, which the smooth term does not see: it is linear.
+Where that makes more edges too long than the frame had, these are shortened by the same limit that comes
+before collision handling, now with every vertex kept on its side of the contacts' planes, and the result is
+resolved in its turn. Not in the paper.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_limited
+from garment_jax.geometry.triangle import dot
+from garment_jax.postprocess.collision.options import CollisionOptions
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, Planes
+from garment_jax.postprocess.collision.solver import free_vertices, resolve_collisions
+from garment_jax.postprocess.collision.tables import CollisionTables
+
+ROUNDS = 8  # of shortening and pushing out at most
+DONE = 0.1  # `limit_rate` that calls for no round: the last tenth took as many as all the rest
+ENOUGH = 1.0  # `limit_rate` that a round may leave. Caught cloth would try another way in every frame
+ITERATIONS = 20  # of shortening a round: after more, the planes of the contacts are no longer the body
+
+
+class _Last(NamedTuple):
+    """Where the next round begins, better or not: cloth around a limb may first get longer."""
+
+    state: CollisionState
+    planes: Planes
+    excess: jax.Array  # [] as `limit_rate`
+
+
+class _Best(NamedTuple):
+    """What is returned if no later round is better."""
+
+    result: CollisionResult
+    state: CollisionState
+    excess: jax.Array  # []
+
+
+def resolve_unstretched(
+    V_f: Float[Array, "n 3"],
+    collider_vertices: Float[Array, "c 3"],
+    state: CollisionState,
+    *,
+    tables: CollisionTables,
+    strain: StrainTables,
+    as_in: Float[Array, "n 3"],
+    pins: Int[Array | np.ndarray, " p"] | None = None,
+    pin_positions: Float[Array, "p 3"] | None = None,
+    options: CollisionOptions = CollisionOptions(),
+) -> tuple[CollisionResult, CollisionState]:
+    """Return what `resolve_collisions` does, with no more edges too long than in the frame `as_in` (metres).
+
+    Most frames need no round, and are that function's bitwise. Of all rounds the one with fewest edges too
+    long is returned, if they are few enough and no more vertices inside than without; else it is that
+    function's as well. What the result says of before is before the first round, `objective` is its own
+    round's, `steps` are all that led to it.
+    """
+    positions = None if pins is None else pin_positions
+    free = jnp.asarray(free_vertices(len(V_f), pins))
+
+    def resolved(V: Array, state: CollisionState):
+        return resolve_collisions(
+            V, collider_vertices, state, tables=tables, pins=pins, pin_positions=positions, options=options
+        )
+
+    def more(carry: tuple[Array, _Last, _Best]):
+        rounds, last, _ = carry
+        return (rounds == 0) | ((last.excess > DONE) & (rounds <= ROUNDS))
+
+    def one(carry: tuple[Array, _Last, _Best]):  # the first one too: what compiles once costs half
+        rounds, last, best = carry
+        first = rounds == 0
+        V = jax.lax.cond(first, lambda: V_f, lambda: _shortened(last, strain, as_in))
+        result, following = resolved(V, last.state)
+        excess = jax.lax.cond(
+            first & ((result.outcome == Outcome.NOTHING_TO_DO) | (result.outcome == Outcome.NOT_FINITE)),
+            lambda: jnp.zeros((), V.dtype),
+            lambda: limit_rate(result.V, strain, as_in=as_in),
+        )
+        worst = jnp.maximum(best.result.outcome, Outcome.STEPS_SPENT)  # of what may come in its place
+        sound = (result.outcome <= worst) & (result.penetrating_after <= best.result.penetrating_after)
+        better = first | ((excess <= ENOUGH) & (excess < best.excess) & sound)
+        kept = jax.lax.cond(
+            better,
+            lambda: _Best(
+                jax.lax.cond(first, lambda: result, lambda: _joined(best, result)), following, excess
+            ),
+            lambda: best,
+        )
+        return rounds + 1, _Last(following, result.planes, excess), kept
+
+    shapes = jax.eval_shape(resolved, V_f, state)[0]
+    nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    none = jnp.zeros((), V_f.dtype)
+    start = jnp.int32(0), _Last(state, nothing.planes, none), _Best(nothing, state, none)
+    rounds, _, (result, state, _) = jax.lax.while_loop(more, one, start)
+    # the next frame begins where this one ended, whatever the rounds have made of it
+    correction = jnp.where(free[:, None], result.V - V_f, 0.0).T
+    return result, state._replace(correction=jnp.where(rounds > 1, correction, state.correction))
+
+
+def _shortened(last: _Last, strain: StrainTables, as_in: Array) -> Array:
+    direction = last.planes.direction
+
+    def project(x: Array) -> Array:
+        short = jnp.where(direction.any(axis=0), last.planes.height - dot(direction, x), 0.0)
+        return x + jnp.maximum(short, 0.0)[None] * direction
+
+    return strain_limited(last.state.V.T, strain, as_in=as_in, project=project, iterations=ITERATIONS)[0]
+
+
+def _joined(best: _Best, result: CollisionResult) -> CollisionResult:
+    """Return the result of a round after the first, with what was before it from the `best` before."""
+    nothing = result.outcome == Outcome.NOTHING_TO_DO
+    return result._replace(
+        deepest_before=best.result.deepest_before,
+        penetrating_before=best.result.penetrating_before,
+        steps=best.result.steps + result.steps,
+        outcome=jnp.where(nothing, Outcome.CONVERGED, result.outcome).astype(jnp.int32),
+    )

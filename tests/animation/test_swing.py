@@ -1,0 +1,197 @@
+"""Rollouts that the swing corrects: chunks, weight, plan, variants, and what is left out."""
+
+import sys
+from dataclasses import replace
+from functools import partial
+from operator import itemgetter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from garment_jax.animation.animate import make_animator
+from garment_jax.animation.clips import rollout_batch, rollout_many
+from garment_jax.animation.network_rollout import make_network_rollout
+from garment_jax.animation.plan import make_plan
+from garment_jax.animation.variants import VARIANTS, apply_variant, variants_of
+from garment_jax.aot_cache import ProgramStore
+from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.network import at_rest, cells_of
+from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip, seen_in, swing_frames_of
+from garment_jax.model.compose import RolloutState, init_state, step
+from garment_jax.model.scan import make_rollout
+from garment_jax.model.store import Model, facts_of, model_input, skinned_template, without_swing
+from garment_jax.structs import FrameInput, Motion
+from tests.animation.tiny_model import CONFIG, SCENE, canonical_model, inputs_of, seeds, template, tiny_model
+from tests.reference.scene import make_motion
+from tests.reference.tiny_swing import SWING, motion, params, swinging_model, tables
+
+
+def animated(model: Model, t: int = 20) -> np.ndarray:
+    return np.concatenate([c.V for c in make_animator(model, SCENE, collision=False)(motion(t))])
+
+
+def with_rollout(**changes) -> Model:
+    model = swinging_model()
+    config = replace(model.config, rollout=replace(model.config.rollout, **changes))
+    return model._replace(config=config)
+
+
+def rolled(chunk: int, t: int = 23) -> np.ndarray:
+    roll, seen = make_swing_rollout(tables(), SWING), swing_frames(motion(t), SCENE, tables())
+    return roll_clip(roll, params(), at_rest(tables(), (), config=SWING), seen, chunk=chunk)
+
+
+def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
+    """Return the template as the swing corrects it in every frame, root frames."""
+    model = with_rollout(swing=weight)
+    tables_ = template()._replace(ring=tables())
+    carry, made = at_rest(tables(), (), config=SWING), []
+    correct = jax.jit(partial(swing_frames_of, template=tables_, config=model.config))
+    x = FrameInput(None, None, None)
+    for k in range(0, t, chunk):
+        piece = x._replace(swing=seen_in(SCENE, tables(), chunk, motion(t), k))
+        hanging = np.broadcast_to(template().T, (chunk, *template().T.shape))
+        carry, V = correct(model.params, carry, piece, hanging)
+        made.append(V)
+    return np.concatenate(made)[:t]
+
+
+def test_chunked_is_whole():
+    whole = rolled(40)
+    assert whole.shape == (23, SWING.columns, SWING.rows, 3)
+    for chunk in (3, 8, 23):
+        np.testing.assert_allclose(rolled(chunk), whole, atol=1e-4)
+    np.testing.assert_allclose(corrected(1.0, 4), corrected(1.0, 32), atol=1e-4)
+
+
+def test_the_cloth_goes_its_weight_of_the_way():
+    none, half, whole = (corrected(weight) for weight in (0.0, 0.5, 1.0))
+    np.testing.assert_allclose(none, np.broadcast_to(template().T, none.shape), atol=1e-6)
+    assert np.abs(whole - none).max() > 0.01
+    np.testing.assert_allclose(half, 0.5 * (none + whole), atol=1e-5)
+
+
+def test_corrected_cloth_hangs_nearer_to_the_ring():
+    anchor = jnp.asarray(swing_frames(motion(20), SCENE, tables()).anchor)
+    off = []
+    for weight in (0.0, 1.0):
+        X = np.asarray(cells_of(jnp.asarray(corrected(weight)), anchor, tables=tables()))
+        off.append(np.abs(X - rolled(32, 20)).mean())
+    assert off[1] < 0.85 * off[0]  # random parameters: the ring is farther off than a correction reaches
+
+
+MODEL = swinging_model()
+TABLES = template(MODEL)
+
+
+def begun(*motions: Motion, model: Model = MODEL) -> tuple[RolloutState, list[FrameInput]]:
+    """Return the state before the first frames of motions side by side, and what the model reads of them."""
+    tables_ = template(model)
+    inputs = [model_input(model, SCENE, tables_, seeds(), m) for m in motions]
+    V = jnp.stack([skinned_template(model, tables_, seeds(), i) for i in inputs])
+    return init_state(model.params, V, template=tables_, config=model.config), [i.x for i in inputs]
+
+
+@pytest.mark.parametrize("base", [tiny_model(), canonical_model()], ids=["root frame", "canonical pose"])
+def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
+    clip, model = motion(20), swinging_model(base)
+    tables_ = template(model)
+    start, (x,) = begun(clip, model=model)
+    start = jax.tree.map(lambda leaf: leaf[0], start)
+    V = np.asarray(make_rollout(tables_, model.config)(model.params, start, x)[1])
+    one, frames, state = jax.jit(partial(step, template=tables_, config=model.config)), [], start
+    for t in range(20):
+        state, v = one(model.params, state, jax.tree.map(itemgetter(t), x))
+        frames.append(v)
+    np.testing.assert_allclose(np.stack(frames), V, atol=1e-5, rtol=0)
+    alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.codes), x)[1]
+    assert np.abs(np.asarray(alone) - V).max() > 0.01
+    roll = make_network_rollout(model, SCENE, tables_, detail=True, programs=ProgramStore(None), facts={})
+    inputs = inputs_of(clip)
+    pieces = list(roll(clip, skinned_template(model, tables_, seeds(), inputs)))
+    assert [start for start, _ in pieces] == [0, 16]
+    streamed = np.concatenate([np.asarray(piece) for _, piece in pieces])[:20]
+    np.testing.assert_allclose(streamed, V, atol=1e-5, rtol=0)
+
+
+def test_motions_side_by_side_swing_as_one_by_one():
+    motions = [make_motion(SCENE, t, seed=s) for t, s in ((7, 4), (33, 5), (18, 6))]
+    state, x = begun(*motions)
+    run = make_rollout(TABLES, MODEL.config)
+    together = rollout_batch(run, MODEL.params, state, x, chunk=16)
+    many = dict(rollout_many(run, MODEL.params, state, x, chunk=16, lanes=2))
+    for k, motion_ in enumerate(motions):  # random parameters make much of a rounding
+        single, (seen,) = begun(motion_)
+        V = run(MODEL.params, jax.tree.map(lambda leaf: leaf[0], single), seen)[1]
+        np.testing.assert_allclose(together[k], V, atol=1e-4, rtol=0)
+        np.testing.assert_allclose(many[k], V, atol=1e-4, rtol=0)
+
+
+def test_a_frame_without_anything_for_the_ring_is_refused():
+    state, _ = begun(motion(3))
+    one = jax.tree.map(lambda leaf: leaf[0], state)
+    with pytest.raises(ValueError, match="nothing for it; take the input of model_input"):
+        jax.jit(partial(step, template=TABLES, config=MODEL.config))(
+            MODEL.params, one, inputs_of(motion(3)).frame(0)
+        )
+
+
+def test_the_animator_corrects_unless_the_swing_is_taken_away():
+    V, alone, weightless, codes = (
+        animated(m)
+        for m in (
+            swinging_model(),
+            without_swing(swinging_model()),
+            with_rollout(swing=0.0),
+            tiny_model(),
+        )
+    )
+    drawn = animated(with_rollout(gain=1.2))
+    assert np.abs(drawn - V).max() > 0.001
+    held = animated(with_rollout(reach=1e-6))  # so little that only the codes are left
+    assert np.abs(held - codes).max() < 1e-4
+    assert np.isfinite(V).all()
+    assert np.abs(V - codes).max() > 0.01
+    np.testing.assert_array_equal(alone, codes)
+    np.testing.assert_array_equal(weightless, codes)
+
+
+def test_the_plan_says_whether_it_runs():
+    on = make_plan(facts_of(swinging_model()), SCENE, motion(5))
+    assert on.swing
+    assert on.detail
+    assert on.leave_out == ("generative/E_gen",)
+    assert on.why["swing"] == "wanted: 60% of the way from the codes to it"
+    drawn = make_plan(facts_of(with_rollout(gain=1.06)), SCENE, motion(5))
+    assert drawn.why["swing"] == "wanted: 60% of the way from the codes to it, drawn out by 1.06"
+    off = make_plan(facts_of(swinging_model()), SCENE, motion(5), swing=False)
+    assert not off.swing
+    assert off.leave_out == ("generative/E_gen", "swing")
+    assert off.why["swing"] == "not wanted: codes alone move the cloth"
+    assert not make_plan(facts_of(with_rollout(swing=0.0)), SCENE, motion(5)).swing
+    untrained = make_plan(facts_of(tiny_model()), SCENE, motion(5))
+    assert not untrained.swing
+    assert untrained.why["swing"] == "not trained"
+
+
+def test_variants_of_a_model_with_a_swing_and_without():
+    assert variants_of(swinging_model().params) == VARIANTS
+    for variant in VARIANTS.values():
+        if not variant.rank:
+            assert ("swing" in apply_variant(swinging_model(), variant).params) == variant.swing
+    without = variants_of(tiny_model().params)
+    fewer = {"no swing", "no swing, no detail", "no swing, no collision", "codes alone"}
+    assert set(VARIANTS) - set(without) == fewer
+    assert not any(v.swing for v in without.values())
+
+
+def test_codes_alone_do_not_import_the_swing(monkeypatch: pytest.MonkeyPatch):
+    for name in [name for name in sys.modules if name.startswith("garment_jax.model.column_rnn")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "garment_jax.model.column_rnn.rollout", raising=False)
+    make_animator(tiny_model(), SCENE, collision=False)
+    make_animator(without_swing(swinging_model()), SCENE, collision=False)
+    assert not any(name.startswith("garment_jax.model.column_rnn") for name in sys.modules)
+    assert CONFIG.swing.steps == 0

@@ -1,0 +1,140 @@
+"""Tables from records: ratios, deviations, what is open, what is too short."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.bench import paper
+from garment_jax.bench.measuring import first_errors, mean_of
+from garment_jax.bench.page import table_html
+from garment_jax.bench.plots import rollout_plot
+from garment_jax.bench.records import Records, gather, of_seeds, read_floor, spread
+from garment_jax.bench.tables import (
+    OPEN,
+    Table,
+    comparison_table,
+    error_table,
+    previous_state_table,
+    ratio,
+    ratio_table,
+    to_markdown,
+)
+from tests.bench.made import TEXT, finish, make_plan
+
+SETTINGS = {"every": 6, "sted_window_frames": 15, "sted_c": 0.1, "penetration_tolerance_mm": 0.1}
+
+
+def measured(folder: Path, *rows: str, seeds: int = 2) -> Records:
+    """Return the records of a plan where only `rows` are done."""
+    plan = make_plan(folder)
+    for row in (plan.loaded.row(name) for name in rows):
+        for seed in row.seeds[:seeds]:
+            finish(plan, plan.train_job(row, seed))
+            finish(plan, plan.roll_job(row, seed))
+    return gather(plan)
+
+
+def test_a_row_without_measurement_is_open_and_has_no_number(tmp_path: Path) -> None:
+    table = error_table(measured(tmp_path, "ours"), SETTINGS)
+    cells = {row[0]: row[1:] for row in table.rows}
+    assert cells["ours & all"][-1] == "2"
+    assert set(cells["skinned"][:-1]) == {OPEN}
+    assert cells["skinned"][-1] == "–"
+
+
+def test_seeds_give_mean_and_deviation(tmp_path: Path) -> None:
+    records = measured(tmp_path, "ours")
+    found = spread(records.rows[0], "rmse_cm")  # 1 and 1.7, as made up
+    assert found is not None
+    assert found.mean == pytest.approx(1.35)
+    assert found.std == pytest.approx(np.std([1.0, 1.7], ddof=1))
+    assert error_table(records, SETTINGS).rows[0][1] == "1.35 ± 0.49"
+    assert of_seeds([]) is None
+
+
+def test_previous_state_by_clip_and_length(tmp_path: Path) -> None:
+    table = previous_state_table(measured(tmp_path, "ours", "no_previous_state", seeds=1), (5, 12))
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["ours & all, tango_1, with"] == ["1.000", "1.000"]
+    assert rows["ours & all, tango_1, with ÷ without"] == ["0.500", "0.500"]
+    assert rows["ours & all, tango_2, without"] == ["3.000", "–"]  # 10 frames are no 12
+    assert rows["ours & all, tango_2, with ÷ without"] == ["0.667", "–"]
+    assert rows["ours & all, mean of clips so long, with"] == ["1.500", "1.000"]
+    assert not any(name.startswith("ours_swing") for name in rows)  # not measured
+    text = TEXT + "".join(
+        f'[[row]]\nname = "{name}"\ntitle = "{name}"\ngroup = "main"\nset.motion.gru = {k}\n'
+        for k, name in enumerate(("ours_swing", "swing_no_previous_state"), start=90)
+    )
+    plan = make_plan(tmp_path, text)
+    for row in plan.settings.rows[-1:]:  # without: alone it is shown as well
+        finish(plan, plan.train_job(row, 0))
+        finish(plan, plan.roll_job(row, 0))
+    rows = {row[0]: row[1:] for row in previous_state_table(gather(plan), (5, 12)).rows}
+    assert rows["ours_swing, tango_1, with"] == [OPEN, OPEN]
+    assert rows["ours_swing, tango_1, without"][0] != OPEN
+    row = plan.settings.rows[-2]
+    finish(plan, plan.train_job(row, 0))
+    finish(plan, plan.roll_job(row, 0))
+    records = gather(plan)
+    rows = {row[0]: row[1:] for row in previous_state_table(records, (5, 12)).rows}
+    top, below = (float(rows[f"ours_swing, tango_1, {name}"][0]) for name in ("with", "without"))
+    assert rows["ours_swing, tango_1, with ÷ without"][0] == f"{top / below:.3f}"
+    ratios = {row[0]: row[1:] for row in ratio_table(records, "ours_swing").rows}
+    means = [spread(records.named(name), "rmse_cm") for name in ("ours_swing", "swing_no_previous_state")]
+    assert ratios["swing_no_previous_state"][0] == ratio(*means)  # of the swing's, not of ours
+    drawn = rollout_plot(records, (5, 12))
+    assert drawn.count("<!-- swing_no_previous_state -->") == 1
+    assert drawn.count("<!-- tango_1 -->") == 2  # names stand at the first pair alone
+    assert rows["paper, walk, with ÷ without"] == [OPEN, OPEN]  # it has 100, 500 and 1200
+
+
+def test_ratios_stand_beside_the_papers_and_say_what_is_missed(tmp_path: Path) -> None:
+    text = TEXT.replace('"skinned_template"\ntitle', '"pan_2022"\ntitle')  # a stand-in of that name
+    plan = make_plan(tmp_path, text)
+    for row in plan.settings.rows:
+        if row.name in ("ours", "pan_2022"):
+            finish(plan, plan.train_job(row, 0))
+            finish(plan, plan.roll_job(row, 0))
+    table = comparison_table(gather(plan), "ours", paper.SKIRT, title="x")
+    rows = [row[1:] for row in table.rows if row[0].startswith("ours ÷")]
+    assert rows == [[OPEN] * 3, ["0.250"] * 3]  # 1 over 4
+    assert [row[1:] for row in table.rows if "paper" in row[0]][1] == ["0.748", "0.869", "0.919"]
+    assert "rmse_cm against pan_2022: 0.250 of at most 0.748, reached" in table.note
+
+
+def test_first_errors_are_root_mean_squares_of_the_beginning() -> None:
+    error = np.array([3.0, 4.0, 0.0, 5.0])
+    found = first_errors(error, (1, 2, 4, 5))
+    assert found == {"1": 3.0, "2": pytest.approx(12.5**0.5), "4": pytest.approx(12.5**0.5), "5": None}
+
+
+def test_means_over_clips_need_every_clip() -> None:
+    assert mean_of([{"a": 1.0, "b": 2.0}, {"a": 3.0, "b": None}]) == {"a": 2.0, "b": None}
+
+
+def test_a_table_says_the_same_as_markdown_and_html() -> None:
+    table = Table("T & t", ["row", "x"], [["<a>", OPEN], ["b", "1.5"]], "A note.")
+    lines = to_markdown(table).splitlines()
+    assert lines[:4] == ["## T & t", "", "| row | x |", "|---|---:|"]
+    assert lines[4] == "| <a> | open |"
+    html = table_html(table)
+    assert "T &amp; t" in html
+    assert "<td>&lt;a&gt;</td>" in html
+    assert f'<td class="open">{OPEN}</td>' in html
+    assert "A note." in html
+
+
+def test_the_floor_is_read_or_refused(tmp_path: Path) -> None:
+    with_floor = TEXT.replace("every = 6", 'every = 6\nfloor = "floor.json"')
+    plan = make_plan(tmp_path, with_floor)
+    with pytest.raises(FileNotFoundError, match=r"floor names .* garment-jax floor --json"):
+        read_floor(plan)
+    (tmp_path / "floor.json").write_text('{"clip": "a", "rmse_cm": 2.5}')
+    assert read_floor(plan) == [{"clip": "a", "rmse_cm": 2.5}]
+    (tmp_path / "floor.json").write_text('{"clip": "a"}')
+    with pytest.raises(ValueError, match="no output of garment-jax floor"):
+        read_floor(plan)
+    (tmp_path / "floor.json").write_text("{")
+    with pytest.raises(ValueError, match="is damaged"):
+        read_floor(plan)

@@ -1,0 +1,62 @@
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.geometry.closest_point import closest_point_exact
+from garment_jax.postprocess.collision import resolve_collisions
+from garment_jax.postprocess.collision.projection import initial_state, lift, penetration, project
+from tests.postprocess.collision.cloth import sheet, tables
+
+exact = jax.jit(closest_point_exact)
+
+
+def _points(seed: int = 0) -> jax.Array:
+    return jnp.asarray(np.random.default_rng(seed).uniform(-0.3, 0.3, (576, 3)), jnp.float32)
+
+
+def test_a_projected_vertex_is_outside_its_plane_and_an_outer_one_is_bitwise_the_same():
+    made, body, _ = tables()
+    V = _points()
+    at = exact(V, jnp.asarray(body), made.surface)
+    pushed = project(V, at, 1e-3)
+    assert lift(pushed, at, 1e-3).max() < 1e-6
+    outer = np.asarray(at.ds) > 1e-3 + 1e-6
+    assert outer.any()
+    np.testing.assert_array_equal(np.asarray(pushed)[outer], np.asarray(V)[outer])
+
+
+def test_projection_is_the_nearest_point_of_the_plane():
+    made, body, _ = tables()
+    V = _points()
+    at = exact(V, jnp.asarray(body), made.surface)
+    height = np.linalg.norm(project(V, at, 1e-3) - V, axis=1)
+    np.testing.assert_allclose(height, np.maximum(1e-3 - at.ds, 0), atol=1e-6)
+
+
+def test_penetration_by_hand_and_its_gradient():
+    made, body, _ = tables()
+    V = _points()
+
+    def loss(V):
+        return penetration(closest_point_exact(V, jnp.asarray(body), made.surface))
+
+    value, gradient = jax.jit(jax.value_and_grad(loss))(V)
+    at = exact(V, jnp.asarray(body), made.surface)
+    inside = np.asarray(at.ds) < 1e-3
+    np.testing.assert_allclose(value, (1e-3 - np.asarray(at.ds)[inside]).sum(), rtol=1e-5)
+    np.testing.assert_allclose(gradient[~inside], 0.0)
+    np.testing.assert_allclose(gradient[inside], -at.direction[inside], atol=2e-3)
+
+
+def test_the_first_state_claims_nothing_and_its_frame_finds_everything():
+    made, body, _ = tables()
+    V = jnp.asarray(sheet(0.16)[0])
+    state = initial_state(V, jnp.asarray(body), made.surface)
+    assert not state.outside.any()
+    at = exact(V, jnp.asarray(body), made.surface)
+    assert ((state.triangle >= 0) & (state.triangle < len(made.surface.faces))).all()
+    result, _ = jax.jit(partial(resolve_collisions, tables=made))(V, jnp.asarray(body), state)
+    assert result.penetrating_before == (at.ds < 0).sum() > 0
+    np.testing.assert_allclose(result.deepest_before, -at.ds.min(), atol=1e-6)
