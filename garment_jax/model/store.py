@@ -107,7 +107,7 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
         except ValueError as error:
             raise ValueError(
                 f"{name} has a garment with parts that hang on no pin, and the model's swing needs pins; "
-                "give a clip with them, or leave the swing out (infer.py --no-swing, rollout.without_swing)."
+                "give a clip with them, or leave it out (infer.py --no-swing, animation.without_swing)."
             ) from error
     return template, make_seeds(scene, model.config.body.seeds)
 

@@ -67,7 +67,8 @@ def test_without_a_kl_term_the_start_is_finite(template: Template) -> None:
 def test_hashes_from_before_the_key_hold() -> None:
     older = to_dict(Config())
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
-    del older["baselines"], older["swing"], older["training"]["begin_from"]
+    del older["baselines"], older["swing"], older["simulation"]
+    del older["training"]["begin_from"], older["training"]["average"]
     for key in ("lengths", "swing", "gain", "reach"):
         del older["rollout"][key]
 
@@ -85,7 +86,8 @@ def test_hashes_of_swings_from_before_their_keys_hold() -> None:
     for key in ("layers", "previous_state", "dropout", "motion_noise"):
         del older["swing"][key]
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
-    del older["baselines"], older["training"]["begin_from"]
+    del older["baselines"], older["simulation"]
+    del older["training"]["begin_from"], older["training"]["average"]
     for key in ("lengths", "swing", "gain", "reach"):
         del older["rollout"][key]
     text = json.dumps(older, sort_keys=True).encode()
