@@ -1,4 +1,4 @@
-"""Sequence files, importers, and the checks on clips at the border."""
+"""Sequence files, packed clips, and the checks on clips at the border."""
 
 from garment_jax.io.content_hash import body_hash, garment_hash, scene_hash
 from garment_jax.io.sequence import Sequence, SequenceWriter, open_sequence
