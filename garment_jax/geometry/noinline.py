@@ -1,9 +1,8 @@
-"""How XLA on a CPU is kept from fusing what should be computed once, and from sharing out what is small.
+"""Keep XLA:CPU from fusing producers into gathers, and from moving small operations to other threads.
 
-What XLA fuses into a gather it computes anew for every number gathered. And of a computation of more than
-eight operations it gives some to another thread as soon as their operands are there, however small, and
-waits for it: a fifth of a frame's collision handling. A function that is called and not inlined is a border
-for both.
+A producer fused into a gather is evaluated once per gathered element. XLA's CPU executor runs up to eight
+operations of a computation in order and hands more of them to a thread pool, whatever their size: a fifth
+of a frame's collision handling. A function that is called instead of inlined stops both.
 """
 
 from collections.abc import Callable

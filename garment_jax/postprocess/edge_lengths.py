@@ -1,12 +1,11 @@
-"""Edges brought back to their lengths: what a blurred fold has lost is a fold again.
+"""Restore edge lengths: folds that the networks have averaged away come back.
 
-Not in the paper. Cloth hardly stretches and hardly shrinks, while a network that cannot know where a fold
-lies predicts the mean of all places: a smooth surface whose edges are too short, by 3 % in the mean and 30 %
-across a deep fold. The displacement that gives them their lengths back, small and of short waves, is a fold
-where the prediction has room for one (wrinkle meshes: Mueller and Chentanez 2010). A few accelerated gradient
-steps a frame on the elastic energy; each frame goes on from the last one's displacement, so that folds stay
-where they are. Edges that are too long, beside the pins most of all, are drawn together by the same steps.
-Not fed back into the networks.
+Not in the paper. A network that cannot know where a fold lies predicts the mean over its possible places: a
+smooth surface whose edges are too short, by 3 % in the mean and by 30 % across a deep fold. A small,
+short-wave displacement that restores the lengths makes a fold where the prediction has room for one (wrinkle
+meshes: Mueller and Chentanez 2010). Each frame takes a few accelerated gradient steps on the elastic energy,
+starting from the last frame's displacement, so that folds stay in place. The same steps shorten edges that
+are too long, most of them beside the pins. Not fed back into the networks.
 """
 
 from typing import NamedTuple

@@ -1,10 +1,10 @@
-"""Limb crossings: cloth that a leg has passed through is put back on its side before collision handling.
+"""Undo limb crossings: return cloth that a limb has passed through to its side, before collision handling.
 
-A network that is late leaves a skirt where it hung while the leg kicks through it. No vertex shows that
-afterwards: pushed out of the body by the shortest way, each is outside, on the wrong side. So where a bone
-crosses the predicted cloth, every vertex' way since the last frame is followed relative to the bone. Those
-that went through the limb are kept where they came from, by a plane each, and the cloth around follows
-them: projected gradient on bending, edge lengths and distance from the prediction. Not in the paper.
+A predicted skirt that lags behind a kick has the leg on the wrong side. The collision solver cannot tell:
+the shortest way out of the body leads to the wrong side as well. So where a bone crosses the predicted
+cloth, each vertex' path since the last frame is followed relative to the bone. A vertex whose path went
+through the limb is constrained to the half-space it came from; the cloth around it follows by projected
+gradient descent on bending, edge lengths and distance from the prediction. Not in the paper.
 
 Root frames: where the heading jumps (a body upside down, `body/root_frame.py`) the way since the last frame
 is not the cloth's.

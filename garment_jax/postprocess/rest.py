@@ -1,9 +1,8 @@
-"""Rest: where the body stands still and the cloth hangs, the correction of the last frame is kept.
+"""Freeze the correction while the body and the predicted garment are at rest.
 
-Every frame the solver starts from the last answer and ends where its steps run out, so that where parts of
-the body cross each other, or cloth is caught, the garment trembles by up to centimetres for ever. Simulated
-cloth does not: once the body and the prediction have come to rest, the correction may rest, too. Not in the
-paper.
+The solver starts every frame from the last answer and stops after a fixed number of steps. Where parts of
+the body cross each other, or cloth is caught between them, it never converges and the garment jitters by up
+to centimetres. Simulated cloth at rest does not move, so the last correction is kept. Not in the paper.
 """
 
 from typing import NamedTuple

@@ -169,10 +169,10 @@ def cells_moved(
 ) -> Float[Array, "*b ah 3"]:
     """Return how far `corrected` moves each cell, metres, root frame.
 
-    A cell d off counts as r tanh(d / r) off, r being `reach` times its scale: where ring and codes are far
-    apart neither may know, and all of the way would stretch the cloth between two columns. What is then away
-    from where the template's cells hang is drawn out by `gain`: a mean of all that cloth may do swings less
-    than any of it.
+    A difference d between the column RNN and the decoded garment is limited to r tanh(d / r), r = `reach`
+    times the cell's scale: where they disagree widely neither is reliable, and the full difference would
+    stretch the cloth between two columns. The offset from the rest position is then scaled by `gain`: a
+    regression mean has less amplitude than any sample.
     """
     cells = cells_of(V, anchor, tables=tables)
     away = X - cells

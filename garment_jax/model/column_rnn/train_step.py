@@ -28,7 +28,7 @@ class SwingBatch(NamedTuple):
 def begin_lanes(key: jax.Array, carry: SwingCarry, batch: SwingBatch, config: SwingConfig) -> SwingCarry:
     """Return the carry with fresh lanes reset and every gradient cut; the key is consumed.
 
-    A true start gets noise, each column as a whole, so that what comes of it is not taken on trust.
+    A true start gets noise, one draw for each column, so that the network learns to correct its state.
     """
     lanes, a = batch.X_start.shape[:2]
     noise = config.noise * jax.random.normal(key, (lanes, a, 1, 3)) * batch.noisy[:, None, None, None]

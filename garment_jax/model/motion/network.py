@@ -116,13 +116,13 @@ def code_of(params: dict, h: Float[Array, "*b k"]) -> Float[Array, "*b latent"]:
 
 
 def clamped(x: FrameInput, template: Template) -> FrameInput:
-    """Return the frame with no more of the body's way left to the cloth than was seen in training.
+    """Clamp the root's displacement and yaw rate to the training range plus `BEYOND`.
 
-    Not in the paper. The cloth hangs in the world while the body moves; a body that jumps 5 m leaves it 5 m
-    behind, which E_s has never seen. As for E_m (`normalise_motion`), a root faster than the training
-    range (`BEYOND` more, the larger of both signs) counts as just outside it; the rest of its way the cloth
-    goes along. Inside the range, all training clips, the frame comes back bitwise. The layout of M is that of
-    `body/motion_features`; a turn of exactly 180° has no sign and is left out whole.
+    Not in the paper. The previous garment is carried into the new root frame (E_s reads it there): a root
+    that jumps 5 m would leave it 5 m behind, far outside the training data. Beyond the clamp the garment
+    moves along with the root. The limit is the larger magnitude of both signs. A frame inside the range
+    comes back bitwise. M has the layout of `body/motion_features`; a turn of exactly 180° has no sign and is
+    dropped.
     """
     s, d = template.statistics, x.M.shape[-1]
     at = root_velocity_at(d)

@@ -1,7 +1,7 @@
-"""Which vertices are near the body, and where: the constraints of section 3.5, frame after frame.
+"""Contacts between garment and body: nearest points and signed distances, the constraints of section 3.5.
 
-A vertex that was outside must cross the surface to get in, so only what lies within its own and the
-surface's movement has to be searched; the others are outside without a question.
+A vertex that was outside in the last frame must cross the surface to be inside now. So it is searched only
+as far as it and the surface can have moved against each other; with nothing that near it is outside.
 """
 
 from collections.abc import Callable

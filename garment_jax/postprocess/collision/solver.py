@@ -201,7 +201,7 @@ def _no_contact_result(
     surface: PosedSurface,
     options: CollisionOptions,
 ) -> tuple[CollisionResult, CollisionState]:
-    """Return the same where there is no contact, so nothing inside; the old state if not all is finite."""
+    """Return result and next state of a frame without contacts; keeps the old state on non-finite input."""
     none, count, first = jnp.zeros((), planes.dtype), jnp.int32(0), last.end.at
     outcome = jnp.where(finite, jnp.int32(Outcome.NOTHING_TO_DO), jnp.int32(Outcome.NOT_FINITE))
     result = CollisionResult(

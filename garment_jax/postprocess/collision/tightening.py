@@ -1,9 +1,9 @@
-"""Collisions resolved without stretching the cloth: pushed out, shortened along the body, pushed out again.
+"""Alternate collision solve and strain limit until few edges are too long.
 
-What is pushed out of a limb or pulled over it gets longer, which the smooth term does not see: it is linear.
-Where that makes more edges too long than the frame had, these are shortened by the same limit that comes
-before collision handling, now with every vertex kept on its side of the contacts' planes, and the result is
-resolved in its turn. Not in the paper.
+The solve stretches cloth that it pushes out of a limb: its smooth term is linear and has no edge lengths.
+Where a frame ends with more over-long edges than it began with, the strain limit of `pipeline.shape_step`
+runs again, with every vertex projected onto its side of its contact's plane, and the result is solved again,
+up to `ROUNDS` times. Not in the paper.
 """
 
 from typing import NamedTuple

@@ -1,11 +1,10 @@
-"""Which side of the body a contact is on, also where parts of the body cross each other.
+"""Inside or outside, also where parts of the body cross each other: signs by winding number.
 
-The nearest sheet says nothing there: it may be skin of one thigh inside the other. What counts is the union
-of the parts: all points that the surface goes around once or more (winding number >= 1), so not what a part
-turned inside out encloses. A sheet bounds it where its outer side has the winding number 0. No sheet lies
-between a vertex and its nearest one, so the vertex' own number tells that: 0 before a sheet that bounds, 1
-behind it. The few vertices whose nearest sheet bounds nothing get the nearest one that does. Not in the
-paper.
+Where two thighs overlap, the nearest triangle may lie inside the other thigh, and its pseudo-normal gives the
+wrong sign. Inside is what the surface encloses once or more (winding number >= 1): the union of the parts.
+A triangle bounds the union where the winding number on its outer side is 0. No triangle lies between a vertex
+and its nearest one, so the vertex' own winding number decides: 0 in front of a bounding triangle, 1 behind
+it. A vertex whose nearest triangle bounds nothing gets the nearest one that does. Not in the paper.
 """
 
 from typing import NamedTuple
