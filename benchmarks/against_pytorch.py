@@ -21,9 +21,9 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 from sized import Case, dressed, make_case, sized_config
 
+from garment_jax.bench.figures import report
 from garment_jax.model.compose import step
 from garment_jax.model.generative.train_step import GenerativeBatch, make_generative_train_step
 from garment_jax.model.scan import make_rollout

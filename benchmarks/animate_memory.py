@@ -15,8 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from measured import report
-
+from garment_jax.bench.figures import report
 from garment_jax.body.looped_motion import looped_motion
 from garment_jax.io.sequence import SequenceWriter, open_sequence
 

@@ -16,7 +16,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from measured import report
+from garment_jax.bench.figures import report
 
 ROOT = Path(__file__).parents[1]
 

@@ -25,9 +25,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import trimesh
-from measured import report
 
 from garment_jax.animation.chunks import Step, scan_frames, solver_options
+from garment_jax.bench.figures import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root

@@ -15,10 +15,10 @@ from pathlib import Path
 import jax
 import numpy as np
 import trimesh
-from measured import report
 from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import Case, dressed, make_case, predictions, repeated, sized_config
 
+from garment_jax.bench.figures import report
 from garment_jax.body.looped_motion import looped_motion
 from garment_jax.model.scan import make_rollout
 from garment_jax.structs import RiggedBody, Scene

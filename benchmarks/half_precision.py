@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
 from garment_jax.animation.animate import animate
+from garment_jax.bench.figures import report
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import load_model, save_model
 from garment_jax.structs import Motion

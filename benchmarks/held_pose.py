@@ -12,9 +12,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
 from garment_jax.animation.animate import animate
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.body.vary import LEGS
 from garment_jax.io.sequence import open_sequence

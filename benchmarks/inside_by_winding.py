@@ -14,8 +14,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.geometry.triangle import cross, dot

@@ -28,7 +28,8 @@ from typing import NamedTuple
 
 import collision
 import jax
-from measured import report
+
+from garment_jax.bench.figures import report
 
 STRETCH = 64  # frames a call
 WINDOW = 24  # bytes of a kernel that are looked for; between two of them may lie an address that was put in

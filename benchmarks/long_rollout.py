@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
 from garment_jax.animation.animate import animate
+from garment_jax.bench.figures import report
 from garment_jax.body.looped_motion import looped_motion
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.io.sequence import open_sequence

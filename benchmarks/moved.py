@@ -10,9 +10,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
 from garment_jax.animation.animate import animate
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import load_model

@@ -25,13 +25,13 @@ import jax.numpy as jnp
 import numpy as np
 from counts import frame_work, parameter_bytes, total
 from machine_rates import matmul_rate, read_rate
-from measured import report
 from sized import Case, dressed, make_case, predictions, repeated, sized_config
 from stage_times import milliseconds, stages
 
 from garment_jax.animation.chunks import scan_frames, solver_options
 from garment_jax.animation.clips import rollout_chunks
 from garment_jax.animation.stream import first_of
+from garment_jax.bench.figures import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.model.scan import make_rollout
 from garment_jax.postprocess.collision import CollisionOptions

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from counts import frame_work, parameter_bytes
 from machine_rates import matmul_rate, read_rate
-from measured import report
 from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import Case, dressed, make_case, sized_config
 from up_convolution import decoder_ratios, measured
 
+from garment_jax.bench.figures import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.structs import Motion, Scene
 

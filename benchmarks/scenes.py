@@ -16,11 +16,11 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from measured import report
 
 from garment_jax.animation import rollout_many, template_for
 from garment_jax.animation.animate import Animator, make_animator
 from garment_jax.animation.plan import make_plan
+from garment_jax.bench.figures import report
 from garment_jax.dataset.start import make_start
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.compose import init_state

@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.io.sequence import open_sequence
 from garment_jax.simulation.command import cloth_settings, read_pattern
 from garment_jax.simulation.newton_cloth import drape

@@ -14,10 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from measured import report
 from pipeline_speed import CHUNK, collision_samples, network_samples
 from sized import dressed, make_case, predictions, sized_config
 
+from garment_jax.bench.figures import report
 from garment_jax.io.sequence import open_sequence
 from garment_jax.procedural.motions import make_motion
 from garment_jax.procedural.scene import make_outfit

@@ -1,20 +1,15 @@
 """Up-convolutions as the networks have them, against XLA's own transposed convolution.
 
-    python benchmarks/up_convolution.py [--json FILE]
-
 The layers of D_dyn at UV 128 x 128 (one frame) and 64 x 64 (one frame, a training batch of 48). Times are
 the best of fifteen, rates count four taps a texel of the output. `regressions.py` holds the ratio to a bound.
 """
 
-import argparse
 from collections.abc import Callable
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from machine_rates import best_seconds
-from measured import report
 
 from garment_jax.model.generative.convolution import up_convolution
 
@@ -82,15 +77,3 @@ def decoder_ratios(rows: list[dict]) -> dict[str, float]:
         networks, transposed = (sum(row[f"{way} ms"] for row in own) for way in WAYS)
         found[name] = networks / transposed
     return found
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    rows = measured()
-    report(rows, title="Up-convolution", facts=decoder_ratios(rows), json_path=options.json)
-
-
-if __name__ == "__main__":
-    main()

@@ -17,7 +17,7 @@ from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.structs import Motion, Scene
 
 FREE_ANGLE = (
-    60.0  # degrees; on clips kept back 30 to 75 do as well, 0 and 90 worse (benchmarks/pose_frames.py)
+    60.0  # degrees; on clips kept back 30 to 75 do as well, 0 and 90 worse (experiments/pose_frames.py)
 )
 _NO_AXIS = 1e-6  # sine of an angle below which the matrix does not tell its axis
 

@@ -26,7 +26,7 @@ GROUP = "extreme motion"
 STRAIN = 30.0  # per cent, 99th percentile over the edges of a frame
 RECOVERED = 60  # frames after the motion has calmed down
 # Simulated cloth hangs elsewhere after a motion than where the same pose, reached slowly, had it: by up to
-# 0.173 of its length, its hem 0.022 of it higher or lower (benchmarks/hysteresis.py, six clips).
+# 0.173 of its length, its hem 0.022 of it higher or lower (experiments/hysteresis.py, six clips).
 NORMAL, NORMAL_HEM = 0.175, 0.0225  # of the garment's length: RMSE, change of the hem's mean height
 DRIFT_CM = 1.0  # RMSE between a frozen pose's or a loop's early and late garments
 SETTLED = 90  # frames after which a frozen pose's garment hangs

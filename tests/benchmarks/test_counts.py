@@ -4,8 +4,8 @@ import pytest
 from garment_jax.structs import RiggedBody
 from tests.benchmarks.scripts import script
 
-NAMES = ("counts", "growth", "operations", "regressions", "up_convolution")
-counts, growth, operations, regressions, up = (script(x) for x in NAMES)
+NAMES = ("counts", "growth", "regressions", "up_convolution")
+counts, growth, regressions, up = (script(x) for x in NAMES)
 
 
 def taps(size: int, channels: tuple[int, ...]) -> int:
@@ -51,21 +51,6 @@ def test_a_finer_body_has_four_triangles_for_one_and_weights_that_sum_to_one():
     np.testing.assert_allclose(
         finer.skin_weights, finer.vertices
     )  # a weight is a barycentric coordinate here
-
-
-def test_a_profile_is_summed_by_operation_without_what_holds_others():
-    events = [
-        {"dur": 5.0, "args": {"hlo_op": "dot.1"}},
-        {"dur": 4.0, "args": {"hlo_op": "fusion.2"}},
-        {"dur": 2.0, "args": {"hlo_op": "fusion.2"}},
-        {"dur": 99.0, "args": {"hlo_op": "while.3"}},
-        {"dur": 50.0, "args": {}},
-        {"name": "a thread"},
-    ]
-    text = '  %dot.1 = f32[2]{0} dot(%a, %b), metadata={op_name="jit(run)/while/body/E_s/dot_general"}'
-    rows = operations.summed({"traceEvents": events}, operations.made_by(text))
-    assert [(row["operation"], row["us"]) for row in rows] == [("fusion.2", 6.0), ("dot.1", 5.0)]
-    assert [row["made by"] for row in rows] == ["", "E_s/dot_general"]
 
 
 def test_a_decoders_ratio_is_of_its_layers_together():

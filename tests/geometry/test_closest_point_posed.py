@@ -1,6 +1,6 @@
 """Closest points on posed bodies against trimesh, on the points that go wrong first.
 
-`benchmarks/closest_point.py` does the same with libigl on 100,000 points in each of 20 poses.
+`experiments/closest_point.py` does the same with libigl on 100,000 points in each of 20 poses.
 """
 
 from functools import lru_cache

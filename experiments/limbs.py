@@ -1,7 +1,7 @@
 """What putting cloth back on its side of a limb does and costs, on rollouts made without collision handling.
 
     python infer.py models/skirt --motion CLIP.h5 --no-lengths --no-collision --out raw/CLIP.h5
-    python benchmarks/limbs.py raw data/skirt/test [--json FILE]
+    python experiments/limbs.py raw data/skirt/test [--json FILE]
 
 Each clip's error before and after (collision handling follows, and is not part of this); the frames in
 which a bone runs through the cloth, beside the truth's; and milliseconds a frame of one compiled call:
@@ -16,8 +16,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import heading, to_root

@@ -1,6 +1,6 @@
 """How much of the folds a method could give back: power, coherence and the best gain, by frequency.
 
-    python benchmarks/fold_bands.py data/skirt/test runs/benchmark/rollouts/ours-s0-* [--json FILE]
+    python experiments/fold_bands.py data/skirt/test runs/benchmark/rollouts/ours-s0-* [--json FILE]
 
 Garments are written in the eigenvectors of their mesh's graph Laplacian, in bands of them, as deviations from
 the true clip's mean shape in the root frame. For each band: the true deviations' RMS in cm; the rollout's
@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 from agreement import correlation, read_frames, rmse_cm
-from measured import report
 from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.io.sequence import open_sequence

@@ -1,7 +1,7 @@
 """How fast collision handling converges on one frame, and whether to the right minimum.
 
     python infer.py models/skirt --motion CLIP.h5 --out raw.h5 --no-lengths --no-collision
-    python benchmarks/collision_convergence.py raw.h5 [--frame N] [--image F.png] [--json F.json]
+    python experiments/collision_convergence.py raw.h5 [--frame N] [--image F.png] [--json F.json]
 
 Needs clarabel (extra compare), an interior-point solver, which the package itself does not. Without --frame:
 the one with the most vertices inside, of every tenth after the first second.
@@ -27,8 +27,8 @@ import numpy as np
 from collision_descent import RUNS, Trace, curve, descend
 from collision_frame import EPS, Frame, moving_vertices, objective_mm, read_frame
 from collision_minimum import least_objective_mm
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.config import CollisionConfig
 from garment_jax.geometry.closest_point import closest_point_exact
 from garment_jax.postprocess.collision import (

@@ -1,6 +1,6 @@
 """When do deep folds begin? The Laplacian's power of clips and rollouts, sixth by sixth.
 
-    python benchmarks/fold_states.py data/skirt/test data/skirt/train [--rollouts DIR] [--json FILE]
+    python experiments/fold_states.py data/skirt/test data/skirt/train [--rollouts DIR] [--json FILE]
 
 Every clip of the folders is cut into six equal parts; of each the mean power over interior vertices in mm2
 (`evaluation.cloth.laplacian_power`), of the truth and, where `--rollouts` has a file of the same name, of the
@@ -13,8 +13,8 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.evaluation.cloth import laplacian_power, make_spectrum
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.io.sequence import open_sequence

@@ -1,6 +1,6 @@
 """How far does simulated cloth hang from where it hung before, in the same calm pose after some motion?
 
-    python benchmarks/hysteresis.py CLIP... [--frames 300] [--pattern FILE] [--cloth KEY=VALUE ...]
+    python experiments/hysteresis.py CLIP... [--frames 300] [--pattern FILE] [--cloth KEY=VALUE ...]
 
 Cloth has a memory: friction and folds keep it off the garment that the same pose, reached slowly, would
 have. The script of `garment-jax stability` (the calm pose reached slowly; then each clip, blended into the
@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.boundary import hem_vertices

@@ -1,6 +1,6 @@
 """The length tau of the softmax skinning weights against the strain of the unposed garment.
 
-python benchmarks/tau.py data/skirt/train --clips 3 --every 40
+python experiments/tau.py data/skirt/train --clips 3 --every 40
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """How far a rollout should go from the codes to the swing, and be drawn out: figures on clips kept back.
 
-    python benchmarks/swing_weight.py MODEL CLIP... [--json FILE]
+    python experiments/swing_weight.py MODEL CLIP... [--json FILE]
 
 By `rollout.swing`, and at the model's own by `rollout.gain` (columns x1.03 and on): RMSE in cm over vertices
 and frames of rollouts without edge lengths and collisions, corrected after pins and stretch limit (a rollout
@@ -14,10 +14,10 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 
 from garment_jax.animation.animate import animate
 from garment_jax.animation.variants import without_lengths
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.config import to_dict
 from garment_jax.evaluation.cloth import hem

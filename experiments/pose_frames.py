@@ -1,6 +1,6 @@
 """In which frame does a garment's shape carry over to motions that were not trained on?
 
-    python benchmarks/pose_frames.py data/skirt --held martial_04 martial_06 indian_04 indian_15 [--json FILE]
+    python experiments/pose_frames.py data/skirt --held martial_04 martial_06 indian_04 indian_15
 
 One closed-form regression (ridge on random Fourier features of the motion and its running means) is fitted to
 the training clips but the held ones and tried on these, its targets once the garment in the root frame and
@@ -19,11 +19,11 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from measured import report
 from scipy.linalg import cho_factor, cho_solve
 
 from garment_jax.baselines.features import columns
 from garment_jax.baselines.principal import Components, coefficients, principal_components
+from garment_jax.bench.figures import report
 from garment_jax.body.garment_skinning import (
     FREE_ANGLE,
     closest_weights,

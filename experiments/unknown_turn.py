@@ -1,6 +1,6 @@
 """How well can a clip be predicted by who does not know from where the body turned to its first heading?
 
-    python benchmarks/unknown_turn.py CLIP... --pattern FLAT --cloth KEY=VALUE ... [--turns 8] [--keep FOLDER]
+    python experiments/unknown_turn.py CLIP... --pattern FLAT --cloth KEY=VALUE ... [--turns 8] [--keep DIR]
 
 The simulator puts the garment on a body that faces +Z, and turns it to the clip's first heading before frame
 0 (`turn_in=on`). A model that must not know where the body looks cannot know that turn, and folds remember
@@ -17,8 +17,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import yaw_matrix
 from garment_jax.evaluation.drift import drift, skinned_template, skinning_weights
 from garment_jax.evaluation.rmse import rmse_per_frame

@@ -1,6 +1,6 @@
 """Do methods err alike? How two methods' errors go together, frame by frame, and the error of their mean.
 
-    python benchmarks/agreement.py data/skirt/test runs/benchmark/rollouts/{ours,pan_2022}-s0-* [--json FILE]
+    python experiments/agreement.py data/skirt/test runs/benchmark/rollouts/{ours,pan_2022}-s0-* [--json FILE]
 
 Every folder holds one method's rollouts, a sequence file a clip, as `garment-jax benchmark` leaves them; one
 of fewer frames counts as far as it goes. The correlation is <E_a, E_b> / (|E_a| |E_b|) over all vertices and
@@ -14,8 +14,8 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.io.sequence import open_sequence
 
 

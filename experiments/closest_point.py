@@ -1,6 +1,6 @@
 """Closest points and signed distances compared with libigl's, on posed bodies.
 
-    python benchmarks/closest_point.py CLIP.h5 ... [--poses 20] [--points 100000] [--whole-body] [--json F]
+    python experiments/closest_point.py CLIP.h5 ... [--poses 20] [--points 100000] [--whole-body] [--json F]
 
 Needs libigl (extra compare), which the package itself does not. The poses are spread over the clips.
 Of each pose's points 60 % lie near the surface (within a few centimetres on either side), 20 % anywhere
@@ -29,8 +29,8 @@ import igl
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.kinematics import collider_points, pose_body
 from garment_jax.geometry.closest_point import ClosestPoint, closest_point_exact
 from garment_jax.geometry.surface_tables import make_surface_tables

@@ -1,7 +1,7 @@
 """What bringing edges back to their lengths does: error, folds, strain, and milliseconds a frame.
 
     python infer.py models/skirt --motion CLIP.h5 --out RAW/CLIP.h5 --no-lengths --no-collision [--no-swing]
-    python benchmarks/edge_lengths.py RAW TRUTH... [--thickness M] [--crushed C] [--json FILE]
+    python experiments/edge_lengths.py RAW TRUTH... [--thickness M] [--crushed C] [--json FILE]
 
 `RAW` holds rollouts without it, under the names of clips in the folders `TRUTH`; the last row is their mean.
 Chunks of 32 frames; the best of three runs is timed. The options are the step's constants of these names.
@@ -15,8 +15,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measured import report
 
+from garment_jax.bench.figures import report
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.dataset.lanes import repeated_last
 from garment_jax.evaluation.cloth import edge_strain, laplacian_power, make_spectrum, rest_lengths
