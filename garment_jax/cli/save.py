@@ -1,7 +1,13 @@
 """`garment-jax save`: a run becomes a model to ship."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from garment_jax.model.scene_file import Sample
+    from garment_jax.model.store import Model
 
 
 def add(commands) -> None:
@@ -16,11 +22,19 @@ def add(commands) -> None:
     )
     parser.add_argument("--out", required=True, type=Path, help="folder of the model, e.g. models/skirt")
     parser.add_argument("--bits", type=int, choices=(16, 32), default=16, help="of each parameter")
+    parser.add_argument(
+        "--scene",
+        type=Path,
+        metavar="CLIP",
+        help="sequence file whose garment, body, pins, collider and first ten seconds of motion come along "
+        "(default: the run's own)",
+    )
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.evaluation.portrait import template_portrait
     from garment_jax.model.folder import MEASURED
     from garment_jax.model.mean_model import mean_model
     from garment_jax.model.store import save_model
@@ -28,8 +42,44 @@ def run(options: argparse.Namespace) -> None:
 
     measured = [name for name in MEASURED if (options.out / name).is_file()]
     model = mean_model([trained_model(run) for run in options.runs], list(map(str, options.runs)))
-    folder = save_model(model, options.out, bits=options.bits)
-    size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
+    sample = _sample(options.scene, options.runs, model)
+    picture = None if sample is None else template_portrait(sample.scene)
+    folder = save_model(model, options.out, bits=options.bits, sample=sample, picture=picture)
+    size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) / 1e6
     print(f"{folder}: {size:.1f} MB, {options.bits} bits")
     if measured:
         print(f"removed {' and '.join(measured)}, which belonged to the model replaced; measure again")
+    if sample is None:
+        print(
+            "its garment and body did not come along, for the run keeps none and its clips are not there; "
+            "save it with --scene CLIP.h5 to animate it alone"
+        )
+    else:
+        print(f"see it move: garment-jax animate {folder}")
+
+
+def _sample(scene: Path | None, runs: Sequence[Path], model: "Model") -> "Sample | None":
+    """Return what the model animates: of the clip that is named, of the runs, or of a run's first clip.
+
+    The last is for runs of train.py that are older than `scene.h5`.
+    """
+    from garment_jax.dataset.prepared import training_clips
+    from garment_jax.io.sequence import open_sequence
+    from garment_jax.model.scene_file import read_sample, sample_of
+    from garment_jax.model.store import garment_misfit
+
+    if scene is not None:
+        with open_sequence(scene) as clip:
+            return sample_of(clip)
+    for run in runs:
+        if (kept := read_sample(run)) is not None:
+            return kept
+    data = model.config.data
+    if not Path(data.dir).is_dir():
+        return None
+    try:
+        with open_sequence(training_clips(data.dir, data.validation)[0]) as clip:
+            found = sample_of(clip)
+    except (ValueError, OSError):  # that folder has other clips today
+        return None
+    return None if garment_misfit(model, found.scene.garment) else found

@@ -1,4 +1,4 @@
-"""A trained model on disk: `config.toml`, `model.json` and `parameters.npz` (16 or 32 bits)."""
+"""A trained model on disk: `config.toml`, `model.json`, `parameters.npz` (16 or 32 bits) and `scene.h5`."""
 
 import contextlib
 import json
@@ -17,8 +17,10 @@ from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import SeenBody, Statistics, Template, read_seen_body, scene_template
 from garment_jax.io.content_hash import garment_hash, mesh_hash
 from garment_jax.io.formats.npz import npz_names, read_npz
+from garment_jax.io.validation import check_same_garment
 from garment_jax.model.folder import (
     FACTS,
+    PICTURE,
     arrays_hash,
     check_replaceable,
     check_sizes,
@@ -27,7 +29,8 @@ from garment_jax.model.folder import (
     was_interrupted,
     written_together,
 )
-from garment_jax.structs import Motion, Scene
+from garment_jax.model.scene_file import Sample, read_own_garment, write_sample
+from garment_jax.structs import Garment, Motion, Scene
 
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 
@@ -37,7 +40,7 @@ _WRONG = (ValueError, KeyError, TypeError, AttributeError, OverflowError, Recurs
 
 
 class Model(NamedTuple):
-    """Trained parameters and what describes them; the garment itself comes with the clip."""
+    """Trained parameters and what describes them; body, collider and pins come with the clip."""
 
     config: Config
     params: dict  # "generative", "motion" and perhaps "detail" and "swing"
@@ -46,6 +49,7 @@ class Model(NamedTuple):
     vertices: int
     fps: float
     seen: SeenBody | None = None  # of the swing; None: the collider of the clip, as before there was this
+    garment: Garment | None = None  # trained on; None: only its hash is known
 
 
 class ModelFacts(NamedTuple):
@@ -76,6 +80,26 @@ def without_swing(model: Model) -> Model:
     return model._replace(params={k: v for k, v in model.params.items() if k != "swing"})
 
 
+def garment_misfit(model: Model, garment: Garment) -> str:
+    """Return what of `garment` differs from the one that `model` was trained on, a sentence; "" for nothing.
+
+    By value, to 0.1 mm, where the model has its garment: files round it. Else by its hash.
+    """
+    found = garment_hash(garment)
+    if found == model.garment_hash:
+        return ""
+    if model.garment is None:
+        return (
+            f"template, faces or UVs have the hash {found}, not {model.garment_hash}; use clips of the same "
+            "garment."
+        )
+    try:
+        check_same_garment(model.garment, garment)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
 def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds]:
     """Return the static tables of `scene` for `model`.
 
@@ -88,11 +112,8 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
             f"{name} has a garment of {n} vertices and the model was trained on {model.vertices}; "
             "use clips of the same garment, or train a model for this one."
         )
-    if garment_hash(scene.garment) != model.garment_hash:
-        raise ValueError(
-            f"{name} has another template, faces or UVs than the garment that the model was trained on "
-            f"(hash {garment_hash(scene.garment)}, not {model.garment_hash}); use clips of the same garment."
-        )
+    if misfit := garment_misfit(model, scene.garment):
+        raise ValueError(f"{name} has another garment than the model was trained on: {misfit}")
     template = scene_template(scene, model.statistics, model.config)
     if "swing" in model.params and model.config.rollout.swing:
         from garment_jax.model.column_rnn.tables import (
@@ -134,12 +155,20 @@ def skinned_template(
     return start(inputs.R_seed[frame : frame + 1], inputs.t_seed[frame : frame + 1])[0]
 
 
-def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
+def save_model(
+    model: Model,
+    folder: str | Path,
+    *,
+    bits: int = 16,
+    sample: Sample | None = None,
+    picture: bytes | None = None,
+) -> Path:
     """Write `model` into `folder`, all files or none; return the folder.
 
-    A model of the same garment there is replaced, and what was measured with it removed. Raises `ValueError`
-    for a parameter that 16 bits cannot hold and for a folder that holds anything else (a run, a model of
-    another garment), `OSError` where the disk is full.
+    `sample` is what it animates, and a motion to see it with: a model with it runs alone. `picture` is a PNG
+    of it. A model of the same garment there is replaced, and what was measured with it removed. Raises
+    `ValueError` for a parameter that 16 bits cannot hold, a scene of another garment, and for a folder that
+    holds anything else (a run, a model of another garment), `OSError` where the disk is full.
     """
     folder = Path(folder)
     check_replaceable(folder, model.garment_hash)
@@ -149,6 +178,8 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
     facts["shaping"] = shaping_of(to_dict(model.config))
     facts["arrays"] = arrays_hash({name: array.shape for name, array in arrays.items()})
     facts |= {} if model.seen is None else {"seen": model.seen.described()}
+    if sample is not None and (misfit := garment_misfit(model, sample.scene.garment)):
+        raise ValueError(f"the scene {sample.name} has another garment than the model: {misfit}")
     texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts)}
     try:
         with written_together(folder) as partial:
@@ -156,6 +187,10 @@ def save_model(model: Model, folder: str | Path, *, bits: int = 16) -> Path:
             np.savez_compressed(partial / "parameters.npz", **arrays)  # type: ignore[arg-type]
             for name, text in texts.items():
                 (partial / name).write_text(text + "\n", encoding="utf-8")
+            if sample is not None:
+                write_sample(partial, sample)
+            if picture is not None:
+                (partial / PICTURE).write_bytes(picture)
     except OSError as error:
         if error.strerror is None:  # a sentence already
             raise
@@ -196,7 +231,7 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
         # widened on the host, and no `jnp.asarray`: jax would compile a program for every shape
         placed = {name: jax.device_put(np.asarray(x, np.float32)) for name, x in arrays.items()}
         params = unflatten_dict(placed, sep="/")
-    return Model(config, params, statistics, *described)
+        return Model(config, params, statistics, *described, garment=read_own_garment(folder))
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:

@@ -8,6 +8,7 @@ import jax
 from garment_jax.config import Config, to_dict
 from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
+from garment_jax.model.scene_file import read_own_garment
 from garment_jax.model.store import Model, from_metadata, load_model
 from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
@@ -174,4 +175,5 @@ def trained_model(path: str | Path) -> Model:
     if (path / CONFIG_NAME).is_file():  # its checkpoints alone are a model, too
         used = to_dict(run_config(path))  # which a later call of train.py may have changed
         metadata["config"] |= {section: used[section] for section in ("collision", "rollout")}
-    return from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found), path / CHECKPOINTS)
+    model = from_metadata(metadata, jax.tree.map(jax.numpy.asarray, found), path / CHECKPOINTS)
+    return model._replace(garment=read_own_garment(path))

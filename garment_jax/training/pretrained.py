@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from garment_jax.config import Config, to_dict
 from garment_jax.dataset.template import Statistics
 from garment_jax.model.folder import SHAPING
-from garment_jax.model.store import Model, load_model, model_facts
+from garment_jax.model.store import Model, garment_misfit, load_model, model_facts
+from garment_jax.structs import Garment
 from garment_jax.training.run_directory import run_facts
 
 PARTS = ("generative", "motion", "detail", "swing")
@@ -24,11 +25,11 @@ class Beginning(NamedTuple):
     other_ring: str  # as `other_ring` has it, where the run trains a swing
 
 
-def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None:
+def find_beginning(config: Config, garment: Garment, fps: float) -> Beginning | None:
     """Return the model `training.begin_from`, or None where that is empty.
 
     Raises `FileNotFoundError` or `ValueError` for a folder without a model, and `ValueError` for a model
-    of another garment than that with the hash `garment`, of another frame rate, of other networks or motion
+    of another garment than `garment`, of another frame rate, of other networks or motion
     features, or without a stage that is to be trained. A swing of other sizes, or none, is no error.
     """
     folder = config.training.begin_from
@@ -36,7 +37,9 @@ def find_beginning(config: Config, garment: str, fps: float) -> Beginning | None
         return None
     model, parts = load_model(folder, leave_out=PARTS), model_facts(folder).parts
     here, there = to_dict(config), to_dict(model.config)
-    pairs = [("garment", model.garment_hash, garment), ("fps", model.fps, fps)]
+    if misfit := garment_misfit(model, garment):
+        raise ValueError(f"training.begin_from: the model in {folder} is of another garment: {misfit}")
+    pairs = [("fps", model.fps, fps)]
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
     if config.generative.skin_reach:  # the weights of the canonical pose are then those of both sides
         pairs.append(("data.mirror", there["data"]["mirror"], here["data"]["mirror"]))

@@ -16,6 +16,7 @@ from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import Template, scene_template
 from garment_jax.io.content_hash import garment_hash
 from garment_jax.io.sequence import open_sequence
+from garment_jax.model.scene_file import SCENE, sample_of, write_sample
 from garment_jax.structs import TrainState
 from garment_jax.training.average import with_average
 from garment_jax.training.checkpoint import Checkpointer
@@ -57,7 +58,8 @@ def open_run(
     folder = Path(folder)
     with open_sequence(training_clips(data_dir, config.data.validation)[0]) as first:
         facts = {"garment": garment_hash(first.scene.garment), **(more_facts or {})}
-        beginning = find_beginning(config, facts["garment"], first.fps)
+        beginning = find_beginning(config, first.scene.garment, first.fps)
+        sample = sample_of(first)
     if beginning is not None:  # the folder may hold another model tomorrow
         facts["begin_from"] = beginning.digest
         if beginning.other_ring and not (folder / FACTS_NAME).is_file():
@@ -72,6 +74,8 @@ def open_run(
     if check is not None:
         check(data)
     prepare_run(folder, config, facts=facts | {"data": data.content})
+    if not (folder / SCENE).is_file():  # so that what is saved of the run animates without its clips
+        write_sample(folder, sample)
     template = scene_template(data.scene, data.statistics, config)
     skinned = make_start(template, data.seeds, config.body.tau)
     return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))

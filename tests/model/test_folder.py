@@ -7,8 +7,10 @@ import pytest
 
 from garment_jax.cli import main
 from garment_jax.model import folder as model_folder
+from garment_jax.model.scene_file import read_sample
 from garment_jax.model.store import load_model, save_model
-from tests.animation.tiny_model import tiny_model
+from tests.animation.tiny_model import SCENE, tiny_model
+from tests.reference.scene import make_motion, write_clip
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -95,3 +97,20 @@ def test_stopped_between_two_renames_nothing_loads_until_saved_again(
     save_model(tiny_model(), tmp_path, bits=32)
     load_model(tmp_path)
     assert not list(tmp_path.glob("*.replaced"))
+
+
+def test_what_a_run_animates_is_saved_with_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("garment_jax.evaluation.portrait.template_portrait", lambda scene: b"a PNG")
+    first = save_model(tiny_model(), tmp_path / "first")
+    assert main(["save", str(first), "--out", str(tmp_path / "bare")]) == 0
+    assert "its garment and body did not come along" in capsys.readouterr().out
+    clip = write_clip(tmp_path / "polka.h5", scene=SCENE, motion=make_motion(SCENE, 4))
+    assert main(["save", str(first), "--out", str(tmp_path / "second"), "--scene", str(clip)]) == 0
+    assert main(["save", str(tmp_path / "second"), "--out", str(tmp_path / "third")]) == 0
+    assert f"see it move: garment-jax animate {tmp_path / 'third'}" in capsys.readouterr().out
+    found = read_sample(tmp_path / "third")
+    assert found is not None
+    assert len(found.motion.root) == 4
+    assert (tmp_path / "third" / "picture.png").read_bytes() == b"a PNG"

@@ -1,0 +1,37 @@
+"""Models by name: those that come with the package, from a wheel or from a checkout."""
+
+import difflib
+from pathlib import Path
+
+from garment_jax.model.folder import FACTS
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+# In a wheel `models/` lies inside the package (setup.py), in a checkout beside it.
+_PLACES = (_PACKAGE / "models", _PACKAGE.parent / "models")
+
+
+def shipped_models() -> dict[str, Path]:
+    """Return the folders of the models that come with the package, by name."""
+    found = {}
+    for place in _PLACES:
+        for folder in sorted(place.glob("*")) if place.is_dir() else []:
+            if (folder / FACTS).is_file():
+                found.setdefault(folder.name, folder)
+    return found
+
+
+def find_model(model: str | Path) -> Path:
+    """Return the folder of a model or run: `model` itself where it is one, else the shipped one of that name.
+
+    Raises `FileNotFoundError` for a name that nothing has, with the one that may be meant.
+    """
+    path, known = Path(model), shipped_models()
+    if path.is_dir():
+        return path
+    if str(model) in known:
+        return known[str(model)]
+    if path.exists():
+        raise FileNotFoundError(f"{path} is a file; name a model's folder, or one of {', '.join(known)}.")
+    near = difflib.get_close_matches(str(model), known, n=1)
+    meant = f"do you mean {near[0]}?" if near else f"name a folder, or one of {', '.join(known) or 'none'}."
+    raise FileNotFoundError(f"there is no model {model}; {meant}")

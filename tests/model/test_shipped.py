@@ -1,0 +1,63 @@
+"""Models that come with the package: found by name, complete, small; listed by `garment-jax models`."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from garment_jax.cli import main
+from garment_jax.model.scene_file import read_sample
+from garment_jax.model.shipped import find_model, shipped_models
+from garment_jax.model.store import load_model, template_for
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_shipped_model_is_whole_and_at_most_12_MB():
+    assert set(shipped_models()) >= {"skirt"}
+    for folder in shipped_models().values():
+        names = {path.name for path in folder.iterdir()}
+        assert names >= {"scene.h5", "picture.png", "figures.json", "LICENSES.md"}, folder
+        assert sum(path.stat().st_size for path in folder.iterdir()) <= 12e6
+        assert (folder / "picture.png").read_bytes()[:4] == b"\x89PNG"
+        model, sample = load_model(folder), read_sample(folder)
+        assert sample is not None
+        assert sample.motion.fps == model.fps
+        assert 9 <= len(sample.motion.root) / model.fps <= 11
+        template_for(model, sample.scene, "its own scene")
+
+
+def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert find_model("skirt") == ROOT / "models" / "skirt"
+    (tmp_path / "skirt").mkdir()
+    assert find_model("skirt") == Path("skirt")  # one's own folder comes first
+    with pytest.raises(FileNotFoundError, match=r"there is no model skrit; do you mean skirt\?"):
+        find_model("skrit")
+    with pytest.raises(FileNotFoundError, match="there is no model elsewhere/x; name a folder, or one of"):
+        find_model("elsewhere/x")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileNotFoundError, match="file is a file; name a model's folder"):
+        find_model("file")
+
+
+def test_the_list_has_sizes_times_errors_and_pictures(capsys: pytest.CaptureFixture[str]):
+    assert main(["models"]) == 0
+    head, row, *rest = capsys.readouterr().out.splitlines()
+    assert head.split() == ["name", "vertices", "MB", "ms/frame", "RMSE", "cm", "picture"]
+    assert row.split()[:2] == ["skirt", "2800"]
+    assert row.split()[4] == "3.26"
+    assert Path(row.split()[-1]).is_file()
+    assert len(rest) <= 8
+
+
+def test_what_is_installed_has_the_models(monkeypatch: pytest.MonkeyPatch):
+    """setup.py maps the folder; without this the wheel would have no models."""
+    given = {}
+    monkeypatch.setattr("setuptools.setup", lambda **options: given.update(options))
+    monkeypatch.chdir(ROOT)
+    exec((ROOT / "setup.py").read_text(encoding="utf-8"))
+    assert given["package_dir"]["garment_jax.models"] == "models"
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["setuptools"]["package-data"]["garment_jax.models"] == ["*/*"]
+    assert {"garment_jax", "garment_jax.cli", "garment_jax.models"} <= set(given["packages"])
