@@ -1,4 +1,5 @@
-from functools import partial
+from functools import lru_cache, partial
+from pathlib import Path
 
 import h5py
 import jax
@@ -29,27 +30,7 @@ from garment_jax.postprocess.collision import (
 from garment_jax.postprocess.collision.solver import check_pins
 from garment_jax.structs import Motion
 from tests.geometry.surfaces import box, brute_signed
-from tests.postprocess.collision.cloth import sheet, tables
-
-PINS = np.array([0, 23, 552, 575], np.int32)  # the sheet's corners
-
-
-@partial(jax.jit, static_argnames="sizes")
-def resolve(V, body, state, pin_positions, settings, sizes):
-    options = CollisionOptions(sizes=sizes)._replace(**settings)
-    made = tables()[0]
-    return resolve_collisions(
-        V, body, state, tables=made, pins=PINS, pin_positions=pin_positions, options=options
-    )
-
-
-def run(V: np.ndarray, *, pins=None, sizes: tuple[float, ...] = (), **settings):
-    """Resolve one frame; the settings are traced, so that the tests share one compilation."""
-    made, body, _ = tables()
-    defaults = {"eps": 1e-3, "iterations": 60, "rings": 6}
-    state = initial_state(jnp.asarray(V), jnp.asarray(body), made.surface)
-    targets = jnp.asarray(V[PINS] if pins is None else pins)
-    return resolve(jnp.asarray(V), jnp.asarray(body), state, targets, defaults | settings, sizes)
+from tests.postprocess.collision.cloth import PINS, resolve, sheet, tables
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +56,7 @@ def test_pins_and_their_positions_come_together(pierced):
 def test_a_sheet_leaves_the_body_to_the_last_vertex(pierced):
     _, body, faces = tables()
     before = brute_signed(pierced.astype(np.float64), body, faces)
-    result, _ = run(pierced)
+    result, _ = resolve(pierced)
     after = brute_signed(np.asarray(result.V, np.float64), body, faces)
     assert before.min() < -0.02
     assert after.min() > 1e-3 - 1e-4
@@ -90,8 +71,8 @@ def test_a_sheet_leaves_the_body_to_the_last_vertex(pierced):
 def test_the_shape_is_kept_better_than_by_projection_alone(pierced):
     _, faces = sheet()
     table = uniform_table(faces, len(pierced))
-    rough, _ = run(pierced, iterations=0)
-    smooth, _ = run(pierced)
+    rough, _ = resolve(pierced, iterations=0)
+    smooth, _ = resolve(pierced)
 
     def change(V):
         return np.linalg.norm(laplacian(jnp.asarray(V), table) - laplacian(jnp.asarray(pierced), table))
@@ -102,7 +83,7 @@ def test_the_shape_is_kept_better_than_by_projection_alone(pierced):
 
 
 def test_more_steps_reach_the_tolerance_and_say_so(pierced):
-    result, _ = run(pierced, iterations=3000)
+    result, _ = resolve(pierced, iterations=3000)
     assert result.outcome == Outcome.CONVERGED
     assert result.converged
     assert result.steps < 3000
@@ -110,7 +91,7 @@ def test_more_steps_reach_the_tolerance_and_say_so(pierced):
 
 def test_nothing_to_do_returns_the_input_bitwise():
     V, _ = sheet(0.35)
-    result, state = run(V)
+    result, state = resolve(V)
     np.testing.assert_array_equal(result.V, V)
     assert result.outcome == Outcome.NOTHING_TO_DO
     assert result.converged
@@ -118,32 +99,23 @@ def test_nothing_to_do_returns_the_input_bitwise():
     assert state.triangle.shape == (len(V),)
 
 
-def test_what_is_given_in_fewer_digits_is_resolved_in_the_bodys():
-    made, body, _ = tables()
-    V = jnp.asarray(sheet(0.35)[0], jnp.float16)
-    state = initial_state(V.astype(jnp.float32), jnp.asarray(body), made.surface)
-    result, following = jax.jit(partial(resolve_collisions, tables=made))(V, jnp.asarray(body), state)
-    assert result.V.dtype == following.V.dtype == jnp.float32
-    np.testing.assert_array_equal(result.V, V.astype(jnp.float32))
-
-
 def test_what_is_inside_is_a_contact_whatever_part_of_the_margin_may_be_missing(pierced):
-    result, _ = run(pierced, slack=100.0)
+    result, _ = resolve(pierced, slack=100.0)
     assert result.penetrating_before > 3
     assert result.penetrating_after == 0
     assert result.outcome != Outcome.NOTHING_TO_DO
 
 
 def test_solving_again_changes_nothing(pierced):
-    once, _ = run(pierced)
-    twice, _ = run(np.asarray(once.V))
+    once, _ = resolve(pierced)
+    twice, _ = resolve(np.asarray(once.V))
     assert twice.outcome == Outcome.NOTHING_TO_DO
     np.testing.assert_array_equal(twice.V, once.V)
 
 
 def test_vertices_far_from_a_contact_do_not_move_at_all():
     V, _ = sheet(0.21)
-    result, _ = run(V, rings=2)
+    result, _ = resolve(V, rings=2)
     moved = (np.asarray(result.V) != V).any(axis=1)
     assert 0 < moved.sum() < len(V) / 2
 
@@ -151,14 +123,14 @@ def test_vertices_far_from_a_contact_do_not_move_at_all():
 def test_pins_are_overwritten_and_stay_even_inside(pierced):
     targets = pierced[PINS] + np.float32(0.01)
     targets[0] = [0.0, 0.1, 0.0]
-    result, _ = run(pierced, pins=targets)
+    result, _ = resolve(pierced, pin_positions=targets)
     np.testing.assert_array_equal(np.asarray(result.V)[PINS], targets)
     assert result.penetrating_after == 0
 
 
 def test_the_planes_hold_and_are_as_far_as_the_body(pierced):
     _, body, faces = tables()
-    result, _ = run(pierced)
+    result, _ = resolve(pierced)
     direction, height = (np.asarray(x, np.float64) for x in result.planes)
     assert not direction[:, PINS].any()
     V = np.asarray(result.V, np.float64)
@@ -171,8 +143,8 @@ def test_the_planes_hold_and_are_as_far_as_the_body(pierced):
 
 def test_small_and_whole_solve_agree():
     V, _ = sheet(0.21)
-    small, _ = run(V, sizes=(0.15, 0.8), rings=2)
-    whole, _ = run(V, rings=2)
+    small, _ = resolve(V, sizes=(0.15, 0.8), rings=2)
+    whole, _ = resolve(V, rings=2)
     assert small.steps > 0
     np.testing.assert_allclose(small.V, whole.V, atol=1e-5)
 
@@ -180,33 +152,46 @@ def test_small_and_whole_solve_agree():
 def test_a_sheet_deep_inside_comes_out():
     _, body, faces = tables()
     V, _ = sheet(0.0, width=0.3)
-    result, _ = run(V)
+    result, _ = resolve(V)
     loose = np.delete(np.asarray(result.V, np.float64), PINS, axis=0)
     assert (brute_signed(loose, body, faces) < -1e-4).sum() == result.penetrating_after == 0
 
 
+@jax.jit
+def between(V, slabs, settings):
+    """Resolve a first frame between two slabs, whose heights and distance are data: one compilation."""
+    cloth, faces = sheet(0.0, width=0.1)
+    surface = make_surface_tables(*_slabs(gap=3e-3))
+    made = make_collision_tables(cloth, uniform_table(faces, len(cloth)), surface)
+    state = initial_state(V.astype(jnp.float32), slabs, surface)
+    return resolve_collisions(V, slabs, state, tables=made, options=CollisionOptions()._replace(**settings))
+
+
+def squeezed(height: float, gap: float, *, eps: float = 1e-3):
+    """The sheet at `height` metres, given in fewer digits than the slabs, `gap` metres apart."""
+    V, slabs = jnp.asarray(sheet(height, width=0.1)[0], jnp.float16), jnp.asarray(_slabs(gap)[0])
+    return V, *between(V, slabs, {"eps": eps})
+
+
 def test_two_surfaces_that_touch_are_reported_and_not_hidden():
-    V, faces = sheet(0.0, width=0.1)
-    slabs, slab_faces = _slabs(gap=1e-3)
-    made = make_collision_tables(V, uniform_table(faces, len(V)), make_surface_tables(slabs, slab_faces))
-    state = initial_state(jnp.asarray(V), jnp.asarray(slabs), made.surface)
-    result, _ = jax.jit(partial(resolve_collisions, tables=made))(jnp.asarray(V), jnp.asarray(slabs), state)
+    _, result, _ = squeezed(0.0, gap=1e-3)
     assert result.outcome in (Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
     assert not result.converged
     assert np.isfinite(result.V).all()
 
 
 def test_a_gap_narrower_than_the_margin_keeps_the_cloth_between_its_walls():
-    V, faces = sheet(0.0035, width=0.1)  # 2 mm inside the upper slab
-    slabs, slab_faces = _slabs(gap=3e-3)
-    made = make_collision_tables(V, uniform_table(faces, len(V)), make_surface_tables(slabs, slab_faces))
-    state = initial_state(jnp.asarray(V), jnp.asarray(slabs), made.surface)
-    options = CollisionOptions(eps=4e-3)
-    frame = jax.jit(partial(resolve_collisions, tables=made, options=options))
-    result, _ = frame(jnp.asarray(V), jnp.asarray(slabs), state)
+    V, result, _ = squeezed(0.0035, gap=3e-3, eps=4e-3)  # 2 mm inside the upper slab
     assert result.penetrating_before == len(V)
     assert result.outcome == Outcome.MARGIN_MISSED
-    assert brute_signed(np.asarray(result.V, np.float64), slabs, slab_faces).min() > 1e-4
+    assert brute_signed(np.asarray(result.V, np.float64), *_slabs(3e-3)).min() > 1e-4
+
+
+def test_what_is_given_in_fewer_digits_is_resolved_in_the_bodys():
+    V, result, following = squeezed(0.35, gap=3e-3)
+    assert V.dtype == jnp.float16
+    assert result.V.dtype == following.V.dtype == jnp.float32
+    np.testing.assert_array_equal(result.V, V.astype(jnp.float32))
 
 
 def _slabs(gap: float) -> tuple[np.ndarray, np.ndarray]:
@@ -219,14 +204,12 @@ def _slabs(gap: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("height", [0.0, 0.06])
 def test_nothing_stays_inside_a_body_whose_ends_run_into_each_other(height):
-    made, body, faces = tables()
+    _, body, faces = tables()
     V, _ = sheet(height, width=0.9)
     crossing = _ring(body)
     before = np.rint(winding_number(V, crossing, faces))
     assert (before == 2).any()
-    state = initial_state(jnp.asarray(V), jnp.asarray(crossing), made.surface)
-    settings = {"eps": 1e-3, "iterations": 60, "rings": 6}
-    result, after = resolve(jnp.asarray(V), jnp.asarray(crossing), state, jnp.asarray(V[PINS]), settings, ())
+    result, after = resolve(V, crossing)
     assert result.penetrating_before == (before >= 1).sum()
     assert result.penetrating_after == 0
     assert winding_number(np.asarray(result.V), crossing, faces).max() < 0.5
@@ -246,8 +229,7 @@ def test_a_nan_is_reported_and_not_spread(pierced):
     bad[300, 1] = np.nan
     made, body, _ = tables()
     state = initial_state(jnp.asarray(pierced), jnp.asarray(body), made.surface)
-    settings = {"eps": 1e-3, "iterations": 60, "rings": 6}
-    result, after = resolve(jnp.asarray(bad), jnp.asarray(body), state, jnp.asarray(bad[PINS]), settings, ())
+    result, after = resolve(bad, body, state)
     assert result.outcome == Outcome.NOT_FINITE
     assert not result.converged
     np.testing.assert_array_equal(result.V, bad)
@@ -259,24 +241,33 @@ def test_every_outcome_has_its_sentence():
     assert all(text.endswith(".") for text in MESSAGES.values())
 
 
-@pytest.mark.parametrize("clip", ["test_salsa_27", "test_martial_09"])
-def test_a_real_skirt_pushed_into_the_body_comes_out(shared_data, clip):
-    path = shared_data / "skirt" / f"{clip}.h5"
+@lru_cache
+def skirt_programs(folder: Path):
+    """Scene, collider's tables, solver and exact distances of the shared clips, which are of one garment."""
+    scene, _, _ = read_clip(folder / "test_salsa_27.h5")
+    surface, template = make_collider_tables(scene.collider, scene.body), np.asarray(scene.garment.template)
+    made = make_collision_tables(template, uniform_table(scene.garment.faces, len(template)), surface)
+    frame = jax.jit(partial(resolve_collisions, tables=made, pins=scene.pins.vertices))
+    return scene, surface, frame, jax.jit(partial(closest_point_exact, tables=surface))
+
+
+def read_clip(path: Path):
+    """Return scene, motion and vertices (world metres) of the first 32 frames."""
     with h5py.File(path) as file:
-        scene = read_scene(file, find_assets(file, path, {}, None), clip)
+        scene = read_scene(file, find_assets(file, path, {}, None), path.stem)
         steps = next(decode_steps(file["vertices_delta"][:32]))
         motion = Motion(file["rotations"][:32], file["root"][:32], 30.0)
-        truth = steps * file["vertices_delta"].attrs["scale"] + motion.root[:, None]
-    assert scene.collider is not None
-    assert scene.pins is not None
+        return scene, motion, steps * file["vertices_delta"].attrs["scale"] + motion.root[:, None]
+
+
+@pytest.mark.parametrize("clip", ["test_salsa_27", "test_martial_09"])
+def test_a_real_skirt_pushed_into_the_body_comes_out(shared_data, clip):
+    known, surface, frame, exact = skirt_programs(shared_data / "skirt")
+    scene, motion, truth = read_clip(shared_data / "skirt" / f"{clip}.h5")
+    jax.tree.map(np.testing.assert_array_equal, scene, known)
     body = collider_points(scene.collider, pose_body(scene.body, motion, np.arange(32)))
     faces = np.asarray(scene.collider.faces)
     neighbours = neighbour_faces(faces)
-    surface = make_collider_tables(scene.collider, scene.body)
-    template = np.asarray(scene.garment.template)
-    made = make_collision_tables(template, uniform_table(scene.garment.faces, len(template)), surface)
-    frame = jax.jit(partial(resolve_collisions, tables=made, pins=scene.pins.vertices))
-    exact = jax.jit(partial(closest_point_exact, tables=surface))
     state = None
     for t in (0, 1, 2, 16, 31):
         origin = motion.root[t].astype(np.float32)

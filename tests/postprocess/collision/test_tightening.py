@@ -1,7 +1,5 @@
 """Cloth that collision handling stretches is drawn back along the body; all else is as without."""
 
-from functools import lru_cache, partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,13 +7,13 @@ import numpy as np
 from garment_jax.evaluation.cloth import rest_lengths
 from garment_jax.geometry.strain_limit import SHARE, STRETCH, StrainTables, limit_rate, make_strain_tables
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.postprocess.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
+from garment_jax.postprocess.collision import CollisionOptions, Outcome, initial_state
 from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.structs import Garment
-from tests.postprocess.collision.cloth import sheet, tables
+from tests.postprocess.collision.cloth import resolve, sheet, tables
 
-OPTIONS = CollisionOptions(iterations=40, rings=6)
-PINS = np.array([0, 23], np.int32)  # one side's ends: the cloth may slide
+SETTINGS = {"eps": 1e-3, "slack": 0.05, "iterations": 40, "rings": 6}
+PINS = np.array([0, 23, 0, 23], np.int32)  # one side's ends: the cloth may slide
 HARDLY = 0.1  # `limit_rate` of 0.55 % of the edges too long
 DEEP, TOUCHING, FREE = 0.06, 0.2, 0.5  # heights of the sheet; the surface ends below 0.4
 T, FACES = sheet()
@@ -28,21 +26,23 @@ def strain_of(longer: float = 1.0) -> StrainTables:
     return make_strain_tables(garment, PINS)
 
 
-@lru_cache
-def functions():
-    common = {"tables": tables()[0], "pins": PINS, "options": OPTIONS}
-    return jax.jit(partial(resolve_collisions, **common)), jax.jit(partial(resolve_unstretched, **common))
+@jax.jit
+def unstretched(V, body, state, strain, pins, pin_positions, settings):
+    options = CollisionOptions(sizes=())._replace(**settings)
+    held = {"pins": pins, "pin_positions": pin_positions}
+    return resolve_unstretched(
+        V, body, state, tables=tables()[0], as_in=V, strain=strain, options=options, **held
+    )
 
 
 def both(V: np.ndarray, longer: float = 1.0):
     """The frame resolved without and with a care for lengths, and the states."""
     made, body, _ = tables()
-    plain, unstretched = functions()
     frame, C = jnp.asarray(V, jnp.float32), jnp.asarray(body)
-    state, pinned = initial_state(frame, C, made.surface), frame[PINS]
+    state = initial_state(frame, C, made.surface)
     return (
-        plain(frame, C, state, pin_positions=pinned),
-        unstretched(frame, C, state, as_in=frame, strain=strain_of(longer), pin_positions=pinned),
+        resolve(frame, pins=PINS, **SETTINGS),
+        unstretched(frame, C, state, strain_of(longer), jnp.asarray(PINS), frame[PINS], SETTINGS),
     )
 
 
