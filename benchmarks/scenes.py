@@ -22,6 +22,7 @@ from garment_jax.animation.animate import Animator, make_animator
 from garment_jax.animation.plan import make_plan
 from garment_jax.bench.figures import report
 from garment_jax.dataset.start import make_start
+from garment_jax.evaluation.rmse import rmse
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.compose import init_state
 from garment_jax.model.scan import make_rollout
@@ -45,11 +46,6 @@ class Clip:
 
 def part(motion: Motion, start: int, stop: int) -> Motion:
     return Motion(motion.rotations[start:stop], motion.root[start:stop], motion.fps)
-
-
-def rmse_cm(V: np.ndarray, V_star: np.ndarray) -> float:
-    """Return the RMSE over vertices and frames, cm."""
-    return float(100 * np.sqrt(np.square(V - V_star).sum(axis=-1).mean(dtype=np.float64)))
 
 
 def rolled(run: Animator, motion: Motion, **options) -> tuple[np.ndarray, float]:
@@ -89,7 +85,7 @@ def tight(model: Model, clip: Clip, memoryless: Model) -> dict:
         rolled(make_animator(m, clip.scene, detail=False, collision=False), clip.motion)
         for m in (model, memoryless)
     )
-    errors = (rmse_cm(V, clip.V), rmse_cm(W, clip.V))
+    errors = (rmse(V, clip.V), rmse(W, clip.V))
     return row("tight garment", "previous state", ms, less, "ms/frame", errors, "truth")
 
 
@@ -100,7 +96,7 @@ def static_pose(model: Model, clip: Clip) -> dict:
     held = Motion(pose.rotations.repeat(300, axis=0), pose.root.repeat(300, axis=0), pose.fps)
     V, seconds = timed(lambda: rolled(run, held, preroll=SETTLE)[0][-1])
     W, less = timed(lambda: rolled(run, pose, preroll=SETTLE)[0][-1])
-    errors = (0.0, rmse_cm(W, V))
+    errors = (0.0, rmse(W, V))
     return row("static pose", f"all but {SETTLE} frames into it", seconds, less, "s", errors, "held for 10 s")
 
 
@@ -111,7 +107,7 @@ def no_contact(model: Model, clip: Clip) -> dict:
     assert plan.out_of_reach, plan.why["collision"]
     V, ms = rolled(make_animator(model, scene), clip.motion)
     W, less = rolled(make_animator(model, scene, out_of_reach=True), clip.motion)
-    errors = (0.0, rmse_cm(W, V))
+    errors = (0.0, rmse(W, V))
     return row("body without contact", "collision", ms, less, "ms/frame", errors, "with collision")
 
 
@@ -137,7 +133,7 @@ def no_detail(model: Model, clip: Clip) -> dict:
         rolled(make_animator(model, clip.scene, detail=fine, collision=False), clip.motion)
         for fine in (True, False)
     )
-    errors = (rmse_cm(V, clip.V), rmse_cm(W, clip.V))
+    errors = (rmse(V, clip.V), rmse(W, clip.V))
     return row("without detail", "detail", ms, less, "ms/frame", errors, "truth")
 
 
@@ -147,7 +143,7 @@ def single_frame(model: Model, clip: Clip) -> dict:
     V, seconds = timed(lambda: rolled(run, clip.motion)[0][-1])
     short = part(clip.motion, last - 1 - SETTLE, last)
     W, less = timed(lambda: rolled(run, short)[0][-1])
-    errors = (rmse_cm(V, clip.V[-1]), rmse_cm(W, clip.V[-1]))
+    errors = (rmse(V, clip.V[-1]), rmse(W, clip.V[-1]))
     return row("single frame", f"all but {SETTLE} frames before", seconds, less, "s", errors, "truth")
 
 
@@ -171,7 +167,7 @@ def many_motions(model: Model, clip: Clip) -> dict:
     V, seconds = timed(lambda: with_lanes(1))
     W, less = timed(lambda: with_lanes(LANES))
     per_frame = 1e3 / (MOTIONS * FRAMES)
-    errors = (0.0, rmse_cm(W, V))
+    errors = (0.0, rmse(W, V))
     name = f"{MOTIONS} motions"
     return row(
         name, f"{LANES} lanes", per_frame * seconds, per_frame * less, "ms/frame", errors, "one by one"

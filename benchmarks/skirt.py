@@ -22,6 +22,7 @@ from garment_jax.bench.methods import reconstructed
 from garment_jax.body.root_frame import to_root
 from garment_jax.dataset.motion_input import motion_input
 from garment_jax.dataset.start import make_skinned_template
+from garment_jax.evaluation.rmse import rmse
 from garment_jax.io.sequence import open_sequence
 from garment_jax.machine import machine
 from garment_jax.model.store import Model, template_for, without_swing
@@ -37,11 +38,6 @@ class Clip:
             self.V = sequence.read(0, sequence.frames)
 
 
-def rmse_cm(V: np.ndarray, V_star: np.ndarray) -> float:
-    """Return the RMSE over vertices and frames, cm; both in the world."""
-    return float(100 * np.sqrt(np.square(V - V_star).sum(axis=-1).mean(dtype=np.float64)))
-
-
 def rolled_out(model: Model, clip: Clip, **options) -> tuple[float, list[float]]:
     """Return RMSE (cm) and milliseconds a frame of a rollout's whole chunks from the third on."""
     pieces, times, began = [], [], time.perf_counter()
@@ -50,7 +46,7 @@ def rolled_out(model: Model, clip: Clip, **options) -> tuple[float, list[float]]
         pieces.append(piece.V)
         began = time.perf_counter()
     whole = [1e3 * t / k for t, k in times[2:] if k == times[0][1]]
-    return rmse_cm(np.concatenate(pieces), clip.V), whole
+    return rmse(np.concatenate(pieces), clip.V), whole
 
 
 def through_codes(model: Model, clip: Clip) -> np.ndarray:
@@ -64,7 +60,7 @@ def skinned(model: Model, clip: Clip) -> float:
     inputs = motion_input(clip.motion, clip.scene, seeds, model.config.body.motion_joints)
     pose = make_skinned_template(template.T, seeds, model.config.body.tau)
     truth = to_root(clip.V.astype(np.float64), inputs.root, inputs.yaw)
-    return rmse_cm(np.asarray(pose(inputs.R_seed, inputs.t_seed)), truth)
+    return rmse(np.asarray(pose(inputs.R_seed, inputs.t_seed)), truth)
 
 
 def main() -> None:
@@ -100,7 +96,7 @@ def main() -> None:
         rows[name] = {"rmse_cm": [r for r, _ in results], "ms_per_frame": float(np.median(times))}
         print(name, rows[name], flush=True)
     rows["auto-encoder of the truth"] = {
-        "rmse_cm": [rmse_cm(through_codes(model, clip), clip.V) for clip in clips]
+        "rmse_cm": [rmse(through_codes(model, clip), clip.V) for clip in clips]
     }
     rows["skinned template"] = {"rmse_cm": [skinned(model, clip) for clip in clips]}
     names = [clip.name for clip in clips]

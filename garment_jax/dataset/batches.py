@@ -6,7 +6,7 @@ from operator import itemgetter
 import jax
 import numpy as np
 
-from garment_jax.config import GenerativeConfig, MotionConfig
+from garment_jax.config import MotionConfig
 from garment_jax.dataset.lanes import LaneWindow, frame_weights, make_schedule
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, targets_of, unposed_targets_of
 from garment_jax.structs import FrameInput
@@ -93,11 +93,6 @@ def lane_starts(data: DataSet, lanes: LaneWindow, skinned: Callable[..., jax.Arr
         clip: PreparedClip = data.train[lanes.clip[lane]]
         V[lane] = targets_of(clip, before[lane : lane + 1], data)[0]
     return V
-
-
-def generative_frames(config: GenerativeConfig, data: DataSet, seed: int) -> Callable[[int], tuple]:
-    """Return step -> (V_star, T_tilde_star) of the generative stage."""
-    return lambda step: random_frames(data, config.batch, seed=seed, step=step)
 
 
 def lane_weights(lanes: LaneWindow, config: MotionConfig) -> np.ndarray:

@@ -4,7 +4,6 @@ Texel centres span the unit square corner to corner (u = 0 is the centre of the 
 of the last), so a vertex on the border of a full chart lies on a texel's centre, not half a texel outside.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -28,30 +27,7 @@ def make_atlas(garment: Garment, size: int) -> UvAtlas:
     Texels outside every chart repeat the nearest covered texel. Raises `ValueError` for UVs outside
     [0, 1], charts that cover no texel, or vertices that no texture vertex belongs to.
     """
-    return _atlas(garment, _checked_uv(garment) * (size - 1), (size, size), wrap=False)
-
-
-def make_centred_atlas(garment: Garment, shape: tuple[int, int]) -> UvAtlas:
-    """Return the atlas at `shape` = (rows, columns) whose texels tile the square: centres at (k + 1/2) / n.
-
-    For convolutions that go round a seam: where the UVs wrap around (`wraps_around`), the texel after the
-    last column is the first, and vertices on the seam read from both. Raises `ValueError` as
-    `make_atlas` does.
-    """
-    position = _checked_uv(garment) * shape[::-1] - 0.5
-    return _atlas(garment, position, shape, wrap=wraps_around(garment))
-
-
-def wraps_around(garment: Garment) -> bool:
-    """Return whether the left and the right border of the UV square are one seam, as a skirt's."""
-    first = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x < 1e-4}
-    last = {(v, round(float(y), 4)) for v, (x, y) in _corners(garment) if x > 1 - 1e-4}
-    return bool(first) and first == last
-
-
-def _corners(garment: Garment) -> Iterator[tuple[int, np.ndarray]]:
-    for vertex, corner in zip(garment.faces.ravel(), garment.faces_uv.ravel(), strict=True):
-        yield int(vertex), garment.uv[corner]
+    return _atlas(garment, _checked_uv(garment) * (size - 1), (size, size))
 
 
 def _checked_uv(garment: Garment) -> np.ndarray:
@@ -63,7 +39,7 @@ def _checked_uv(garment: Garment) -> np.ndarray:
     return np.clip(uv, 0, 1)
 
 
-def _atlas(garment: Garment, position: np.ndarray, shape: tuple[int, int], *, wrap: bool) -> UvAtlas:
+def _atlas(garment: Garment, position: np.ndarray, shape: tuple[int, int]) -> UvAtlas:
     """Return the atlas of UVs at `position` `[u, 2]`, in texels (column, row)."""
     triangle, weight = _rasterise(position, garment.faces_uv, shape)
     coverage = triangle >= 0
@@ -73,12 +49,12 @@ def _atlas(garment: Garment, position: np.ndarray, shape: tuple[int, int], *, wr
     triangle, weight = triangle[row, column], weight[row, column]
     corners = garment.faces[triangle].reshape(-1, 3)
     to_map = make_stencil(corners, weight.reshape(-1, 3), len(garment.template))
-    return UvAtlas(coverage, to_map, _reader(garment, position, shape, wrap))
+    return UvAtlas(coverage, to_map, _reader(garment, position, shape))
 
 
-def _reader(garment: Garment, position: np.ndarray, shape: tuple[int, int], wrap: bool) -> Stencil:
+def _reader(garment: Garment, position: np.ndarray, shape: tuple[int, int]) -> Stencil:
     """Return the operator by which every vertex reads a flat map: the mean over its UVs."""
-    texel, weight = _bilinear(position, shape, wrap)
+    texel, weight = _bilinear(position, shape)
     vertex_uv, share = _texture_vertices(garment)
     n = len(vertex_uv)
     weights = (weight[vertex_uv] * share[..., None]).reshape(n, -1)
@@ -109,16 +85,13 @@ def _rasterise(
     return triangle, weight
 
 
-def _bilinear(position: np.ndarray, shape: tuple[int, int], wrap: bool) -> tuple[np.ndarray, np.ndarray]:
+def _bilinear(position: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = shape
     corner = np.floor(position).astype(np.int32)
-    corner[:, 1] = np.clip(corner[:, 1], 0, max(rows - 2, 0))
-    if not wrap:
-        corner[:, 0] = np.clip(corner[:, 0], 0, max(columns - 2, 0))
+    corner = np.clip(corner, 0, (max(columns - 2, 0), max(rows - 2, 0)))
     fx, fy = np.clip(position - corner, 0.0, 1.0).T
     x, y = corner.T
-    x, right = (x % columns, (x + 1) % columns) if wrap else (x, x + 1)
-    texels = [y * columns + x, y * columns + right, (y + 1) * columns + x, (y + 1) * columns + right]
+    texels = [y * columns + x, y * columns + x + 1, (y + 1) * columns + x, (y + 1) * columns + x + 1]
     weights = [(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]
     return np.stack(texels, axis=1).astype(np.int32), np.stack(weights, axis=1).astype(np.float32)
 

@@ -29,19 +29,6 @@ class LoadedBody(NamedTuple):
     notes: tuple[str, ...]  # what the user is to know, a phrase each
 
 
-def load_any_body(
-    path: str | Path,
-    *,
-    betas: np.ndarray | None = None,
-    unit: float | str | None = None,
-    up: str | None = None,
-    mesh: str | None = None,
-    skeleton: str | None = None,
-) -> RiggedBody:
-    """Return the body of a file; all as `read_any_body`, without what that says besides."""
-    return read_any_body(path, betas=betas, unit=unit, up=up, mesh=mesh, skeleton=skeleton).body
-
-
 @reads_foreign
 def read_any_body(
     path: str | Path,

@@ -26,8 +26,8 @@ def load_scene(
 ) -> Scene:
     """Return the scene of a garment (.obj) on a body (.npz).
 
-    `cloth` and `rigged`: what was read from `garment` and `body` already (`intake.load_garment`,
-    `intake.load_any_body`). `pins` as in `load_pins`, or
+    `cloth` and `rigged`: what was read from `garment` and `body` already (`importers.load_garment`,
+    `importers.bodies.read_any_body`). `pins` as in `load_pins`, or
     "group:NAME" for a group of the OBJ file. Raises `FileNotFoundError`, `OSError` or `ValueError`, with the
     file's name, for what is not there, damaged, in another unit than metres, or of another garment or body.
     """

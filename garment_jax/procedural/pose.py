@@ -48,12 +48,6 @@ def local_rotations(angles: np.ndarray) -> np.ndarray:
     return Rotation.from_euler(ORDER, twist_first, degrees=True).as_matrix().reshape(*angles.shape, 3)
 
 
-def joint_angles(local: np.ndarray) -> np.ndarray:
-    """Return the angles `[t, 22, 3]` of relative rotations; the inverse of `local_rotations`."""
-    found = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_euler(ORDER, degrees=True)
-    return found[:, [2, 0, 1]].reshape(*local.shape[:-1]) * _MIRROR
-
-
 def world_rotations(angles: np.ndarray, yaw: np.ndarray, body: RiggedBody) -> np.ndarray:
     """Return the world rotations `[t, j, 3, 3]` of the body's joints; `yaw` `[t]` in radians.
 

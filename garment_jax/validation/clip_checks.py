@@ -1,7 +1,5 @@
 """All checks on a sequence file, in the order in which one fault would hide another."""
 
-from pathlib import Path
-
 import numpy as np
 
 from garment_jax.body.frame_windows import stretches
@@ -47,12 +45,6 @@ def check_clip(clip: RawClip, *, warn: bool = True) -> list[Finding]:
 
 def _has_error(findings: list[Finding], *checks: str) -> bool:
     return any(finding.severity == "error" and finding.check in checks for finding in findings)
-
-
-def check_sequence(path: str | Path) -> list[Finding]:
-    """Return the findings on a sequence file; raises as `RawClip` for what cannot be read."""
-    with RawClip(path) as clip:
-        return check_clip(clip)
 
 
 def _pin_weights(clip: RawClip) -> list[Finding]:

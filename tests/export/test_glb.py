@@ -15,7 +15,7 @@ from garment_jax.body.kinematics import pose_body
 from garment_jax.export.glb import MOST_TARGETS, split_vertices, write_glb
 from garment_jax.export.glb_body import largest_weights
 from garment_jax.io.formats.blender import find_blender, run_blender
-from garment_jax.io.formats.gltf import read_animation, read_rigged
+from garment_jax.io.formats.gltf import read_animation, read_body
 from garment_jax.io.formats.gltf_accessors import read_accessor
 from garment_jax.io.formats.gltf_container import open_gltf
 from garment_jax.io.sequence import open_sequence
@@ -105,7 +105,7 @@ def test_the_body_comes_back_as_it_went(tmp_path: Path, clip: Path):
     with open_sequence(clip) as sequence:
         report = write_glb(sequence, path)
         body, motion = sequence.scene.body, sequence.motion
-    again, moved = read_rigged(path), read_animation(path, fps=motion.fps)
+    again, moved = read_body(path).body, read_animation(path, fps=motion.fps)
     assert again.joint_names == moved.joint_names == body.joint_names
     np.testing.assert_array_equal(again.parents, body.parents)
     np.testing.assert_array_equal(again.faces, body.faces)
@@ -231,7 +231,7 @@ def test_blender_sees_the_same_vertices(tmp_path: Path, clip: Path):
     with open_sequence(clip) as sequence:
         write_glb(sequence, path)
         shown = [sequence.read(f, f + 1)[0] for f in frames]
-        four = sequence.scene.body._replace(skin_weights=read_rigged(path).skin_weights)
+        four = sequence.scene.body._replace(skin_weights=read_body(path).body.skin_weights)
         bodies = pose_body(four, sequence.motion, np.array(frames))
         seconds = [repr(f / sequence.fps) for f in frames]
         run_blender(HERE / "glb_positions.py", [str(path), str(out), str(sequence.fps), *seconds])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from garment_jax.importers.bodies import load_any_body, place_template, read_any_body
+from garment_jax.importers.bodies import place_template, read_any_body
 from garment_jax.structs import RiggedBody
 from garment_jax.validation.validate import validate_file
 from tests.importers.glb_files import write_glb
@@ -29,7 +29,7 @@ def test_a_smpl_body_is_put_on_the_floor(tmp_path: Path):
     np.testing.assert_allclose(loaded.body.vertices - loaded.origin, template, atol=1e-6)
     assert loaded.body.joint_names[0] == "pelvis"
     assert loaded.notes[0].startswith("pose blend shapes (posedirs) are left out")
-    assert load_any_body(tmp_path / "model.npz", betas=np.ones(2)).vertices.shape == template.shape
+    assert read_any_body(tmp_path / "model.npz", betas=np.ones(2)).body.vertices.shape == template.shape
 
 
 def test_a_garment_made_on_a_body_moves_with_it(tmp_path: Path):
@@ -46,25 +46,25 @@ def test_another_unit_and_axis_are_converted(tmp_path: Path):
 
     body = BODY._replace(vertices=foreign(BODY.vertices), joints=foreign(BODY.joints))
     path = write_body(tmp_path / "cm.npz", body)
-    np.testing.assert_allclose(load_any_body(path, unit="cm", up="Z").vertices, BODY.vertices, atol=1e-6)
+    np.testing.assert_allclose(read_any_body(path, unit="cm", up="Z").body.vertices, BODY.vertices, atol=1e-6)
     with pytest.raises(
         ValueError, match=r"cm\.npz: the body is 1\d\d m large in its file's unit; give --body-unit"
     ):
-        load_any_body(path)
+        read_any_body(path)
     with pytest.raises(ValueError, match=r"--unit furlong is no unit; give one of m, dm, cm"):
-        load_any_body(path, unit="furlong")
+        read_any_body(path, unit="furlong")
     with pytest.raises(ValueError, match=r"--up X is no up axis that is known; give Y or Z"):
-        load_any_body(path, up="X")
+        read_any_body(path, up="X")
 
 
 def test_what_is_no_body_is_refused(tmp_path: Path):
     with pytest.raises(FileNotFoundError, match=r"no\.npz is not there; name a rigged body"):
-        load_any_body(tmp_path / "no.npz")
+        read_any_body(tmp_path / "no.npz")
     (tmp_path / "me.fbx").write_text("")
     with pytest.raises(ValueError, match=r"me\.fbx is no rigged body that is known; give one of \.npz"):
-        load_any_body(tmp_path / "me.fbx")
+        read_any_body(tmp_path / "me.fbx")
     with pytest.raises(ValueError, match="is no SMPL body and has no betas; leave them out"):
-        load_any_body(write_body(tmp_path / "me.npz", BODY), betas=np.ones(3))
+        read_any_body(write_body(tmp_path / "me.npz", BODY), betas=np.ones(3))
 
 
 NAMES = {

@@ -2,11 +2,12 @@ import functools
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import joint_positions, pose_body, pose_points
 from garment_jax.body.root_frame import heading
 from garment_jax.procedural.motions import MOTIONS, make_dance, make_motion
-from garment_jax.procedural.pose import LIMITS, joint_angles
+from garment_jax.procedural.pose import _MIRROR, LIMITS, ORDER
 from garment_jax.procedural.skeleton import JOINT_NAMES
 from tests.procedural.bodies import avatar, mannequin
 
@@ -34,6 +35,12 @@ def relative(kind):
     parents = mannequin().parents
     above = np.concatenate([turn[:, None], R[:, parents[1:]]], axis=1)
     return np.swapaxes(above, -1, -2) @ R
+
+
+def joint_angles(local):
+    """The angles `[t, 22, 3]` of relative rotations; the inverse of `local_rotations`."""
+    found = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_euler(ORDER, degrees=True)
+    return found[:, [2, 0, 1]].reshape(*local.shape[:-1]) * _MIRROR
 
 
 @pytest.mark.parametrize("kind", ALL)

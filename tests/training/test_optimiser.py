@@ -6,7 +6,7 @@ import optax
 import pytest
 
 from garment_jax.config import TrainingConfig
-from garment_jax.training.optimiser import decay_weights_only, make_optimiser, make_schedule
+from garment_jax.training.optimiser import make_optimiser, make_schedule
 
 RATE, DECAY, STEPS = 0.1, 0.05, 6
 GRADIENTS = np.random.default_rng(0).normal(size=(STEPS, 4)).astype(np.float32)
@@ -24,11 +24,9 @@ def numpy_adam(*, l2: float, decoupled: float) -> np.ndarray:
     return p
 
 
-def run(
-    name: str, *, clip_norm: float = 0.0, mask: object = None, gradients: np.ndarray = GRADIENTS
-) -> np.ndarray:
+def run(name: str, *, clip_norm: float = 0.0, gradients: np.ndarray = GRADIENTS) -> np.ndarray:
     config = TrainingConfig(optimiser=name, clip_norm=clip_norm, schedule="constant", warmup=0.0)  # type: ignore
-    optimiser = make_optimiser(config, learning_rate=RATE, weight_decay=DECAY, steps=STEPS, decay_mask=mask)
+    optimiser = make_optimiser(config, learning_rate=RATE, weight_decay=DECAY, steps=STEPS)
     p = jnp.asarray(START)
     state = optimiser.init(p)
     for gradient in gradients:
@@ -63,12 +61,6 @@ def test_clipping_limits_the_global_norm() -> None:
     # First moment = 0.1 x clipped gradient, and (30, 30, 40, 40) has the norm 50 sqrt(2).
     first = optax.tree.get(big, "mu")
     np.testing.assert_allclose(first["a"], 0.1 * 30 / (50 * np.sqrt(2)) * np.ones(2), rtol=1e-5)
-
-
-def test_masked_parameters_do_not_decay() -> None:
-    mask = decay_weights_only({"kernel": jnp.zeros((2, 2)), "bias": jnp.zeros(2)})
-    assert mask == {"kernel": True, "bias": False}
-    np.testing.assert_allclose(run("adamw", mask=False), numpy_adam(l2=0.0, decoupled=0.0), rtol=1e-5)
 
 
 @pytest.mark.parametrize(("schedule", "last"), [("constant", 0.1), ("cosine", 0.001)])

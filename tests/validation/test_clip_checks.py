@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from garment_jax.importers.finding import Finding
-from garment_jax.validation.clip_checks import check_clip, check_sequence
+from garment_jax.validation.clip_checks import check_clip
 from garment_jax.validation.raw_clip import RawClip
 from garment_jax.validation.vertex_scan import WINDOW
 from tests.validation.broken_clips import (
@@ -29,6 +29,11 @@ from tests.validation.broken_clips import (
 
 EXPECTED_NOTES = {"joints without weight"}  # the reference body has no arms
 HEM = 120  # a vertex at the skirt's lower end
+
+
+def check_sequence(path: Path) -> list[Finding]:
+    with RawClip(path) as clip:
+        return check_clip(clip)
 
 
 def told(findings: list[Finding]) -> list[Finding]:

@@ -60,11 +60,6 @@ def holds_motion_alone(path: str | Path) -> bool:
     return _guarded(path, lambda file: not holds_skinned_mesh(file) and count_of(file, "animations") > 0)
 
 
-def read_rigged(path: str | Path, *, mesh: str | None = None, skeleton: str | None = None) -> RiggedBody:
-    """Return the body of a glTF file; all as `read_body`, without what that says besides."""
-    return read_body(path, mesh=mesh, skeleton=skeleton).body
-
-
 def read_body(
     path: str | Path, *, mesh: str | None = None, skeleton: str | None = None, part: str = ""
 ) -> GltfBody:

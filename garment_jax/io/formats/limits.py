@@ -2,7 +2,7 @@
 
 import struct
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -10,7 +10,6 @@ import numpy as np
 
 LARGEST_ARCHIVE = 16 * 2**30  # bytes of a file
 LARGEST_ARRAYS = 2 * 2**30  # bytes of the arrays that are read of one file
-LARGEST_TEXT = 256 * 2**20  # bytes of a text that is read whole: an hour of motion capture
 LONGEST_NUMBER = 64  # characters; what is longer was not written as a number
 _DENSEST = 100  # unpacked bytes per packed byte; motion and meshes reach 3, zeros 1,000
 _DENSEST_ARCHIVE = (
@@ -111,13 +110,6 @@ def check_growth(needed: int, size: int, what: str, path: Path) -> None:
             f"{path}: {what} would fill {_amount(needed)} from a file of {_amount(size)}; it is damaged, or "
             "cut it into clips."
         )
-
-
-def check_numbers(words: Iterable[str] | Iterable[bytes], where: str) -> None:
-    """Raise `ValueError` for a word that is too long for a number; a table is as wide as its widest."""
-    longest = max(map(len, words), default=0)
-    if longest > LONGEST_NUMBER:
-        raise ValueError(f"{where}: a number has {longest} characters; the file is damaged, export it again.")
 
 
 def _check_name(name: str, path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.io.formats.gltf import read_animation, read_rigged
+from garment_jax.io.formats.gltf import read_animation, read_body
 from garment_jax.structs import Motion
 from tests.io.formats import gltf_file as made
 
@@ -27,7 +27,7 @@ def written(path: Path, **options) -> Path:
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
 @pytest.mark.parametrize(("unit", "turned"), [(1.0, None), (0.01, Z_UP)])
 def test_the_bind_pose_is_in_metres_whatever_the_armature(tmp_path: Path, unit, turned, order):
-    body = read_rigged(written(tmp_path, unit=unit, turned=turned, order=order))
+    body = read_body(written(tmp_path, unit=unit, turned=turned, order=order)).body
     np.testing.assert_allclose(body.joints, made.JOINTS, atol=1e-6)
     np.testing.assert_allclose(body.vertices, made.POINTS[WELDED], atol=1e-6)
     assert body.joint_names == made.NAMES
@@ -42,17 +42,17 @@ def test_a_scene_in_another_pose_has_the_same_bind_pose(tmp_path: Path):
     built, data = made.document(unit=0.01, turned=Z_UP)
     for node, angle in ((1, 20), (2, 40), (3, -30)):
         built["nodes"][node]["rotation"] = Rotation.from_euler("y", angle, degrees=True).as_quat().tolist()
-    body = read_rigged(made.write_glb(tmp_path / "posed.glb", built, data))
+    body = read_body(made.write_glb(tmp_path / "posed.glb", built, data)).body
     np.testing.assert_allclose(body.vertices, made.POINTS[WELDED], atol=1e-6)
     np.testing.assert_allclose(body.joints, made.JOINTS, atol=1e-6)
 
 
 def test_data_uris_and_files_beside_read_the_same(tmp_path: Path):
     built, data = made.document()
-    expected = read_rigged(made.write_glb(tmp_path / "body.glb", built, data))
+    expected = read_body(made.write_glb(tmp_path / "body.glb", built, data)).body
     (tmp_path / "my body.bin").write_bytes(data)
     for uri in (None, "my%20body.bin"):
-        body = read_rigged(made.write_gltf(tmp_path / "body.gltf", *made.document(), uri))
+        body = read_body(made.write_gltf(tmp_path / "body.gltf", *made.document(), uri)).body
         for ours, theirs in zip(body, expected, strict=True):
             np.testing.assert_array_equal(ours, theirs)
 
@@ -67,7 +67,7 @@ def test_normalised_weights_and_a_second_set_count(tmp_path: Path):
     attributes["JOINTS_1"] = parts.add(np.full((12, 4), 2), "VEC4", "u2")
     attributes["WEIGHTS_1"] = parts.add(np.tile([255, 0, 0, 0], (12, 1)), "VEC4", "u1", normalized=True)
     built["buffers"][0]["byteLength"] = len(parts.data)
-    body = read_rigged(made.write_glb(tmp_path / "body.glb", built, parts.data))
+    body = read_body(made.write_glb(tmp_path / "body.glb", built, parts.data)).body
     expected = (made.WEIGHTS + [0, 0, 1]) / 2
     np.testing.assert_allclose(body.skin_weights, expected[WELDED], atol=2 / 255)
     np.testing.assert_allclose(body.skin_weights.sum(axis=1), 1, atol=1e-6)
@@ -83,21 +83,21 @@ def test_sparse_accessors_are_filled_in(tmp_path: Path):
     sparse = {"count": 1, "indices": {"bufferView": at, "componentType": 5123}, "values": {"bufferView": by}}
     built["accessors"][0]["sparse"] = sparse
     built["buffers"][0]["byteLength"] = len(parts.data)
-    body = read_rigged(made.write_glb(tmp_path / "body.glb", built, parts.data))
+    body = read_body(made.write_glb(tmp_path / "body.glb", built, parts.data)).body
     expected = made.POINTS[WELDED].copy()
     expected[6] = 9, 8, 7
     np.testing.assert_allclose(body.vertices, expected, atol=1e-6)
 
 
 def test_several_primitives_make_one_surface(tmp_path: Path):
-    whole = read_rigged(written(tmp_path))
+    whole = read_body(written(tmp_path)).body
     built, data = made.document()
     first = built["meshes"][0]["primitives"][0]
     view = built["accessors"][first["indices"]]
     built["accessors"] += [view | {"count": 6}, view | {"count": 12, "byteOffset": 12}]
     count = len(built["accessors"])
     built["meshes"][0]["primitives"] = [first | {"indices": count - 2}, first | {"indices": count - 1}]
-    body = read_rigged(made.write_glb(tmp_path / "parts.glb", built, data))
+    body = read_body(made.write_glb(tmp_path / "parts.glb", built, data)).body
     for ours, theirs in zip(body, whole, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
@@ -115,7 +115,7 @@ def test_a_handle_below_the_body_is_no_root(tmp_path: Path):
     data = data[:at] + index + data[at + len(index) :]
     raw = weights.astype("<f4").tobytes()
     path = made.write_glb(tmp_path / "body.glb", built, data[:first] + raw + data[first + len(raw) :])
-    body, moved = read_rigged(path), read_animation(path)
+    body, moved = read_body(path).body, read_animation(path)
     assert body.joint_names == moved.joint_names == ("Spine", "Head")
     assert body.parents.tolist() == [-1, 0]
     np.testing.assert_allclose(moved.root[0], made.JOINTS[1], atol=1e-6)
@@ -126,7 +126,7 @@ def test_two_top_joints_get_the_node_above_them_as_root(tmp_path: Path):
     built["nodes"][0]["children"] = [1, 2, 4]
     del built["nodes"][1]["children"]
     built["nodes"][2]["translation"] = made.JOINTS[1].tolist()
-    body = read_rigged(made.write_glb(tmp_path / "body.glb", built, data))
+    body = read_body(made.write_glb(tmp_path / "body.glb", built, data)).body
     assert body.joint_names == ("Armature", *made.NAMES)
     assert body.parents.tolist() == [-1, 0, 0, 2]
     np.testing.assert_allclose(body.joints, [[0, 0, 0], *made.JOINTS], atol=1e-6)
@@ -137,7 +137,7 @@ def test_a_body_that_has_turned_as_a_whole_keeps_its_bind_pose(tmp_path: Path):
     half = Rotation.from_euler("y", 170, degrees=True).as_quat().tolist()
     built["nodes"][1] |= {"rotation": half, "translation": [1.0, 1.2, 3.0]}
     built["nodes"][3]["rotation"] = [0.1, 0.0, 0.0, 0.995]
-    body = read_rigged(made.write_glb(tmp_path / "posed.glb", built, data))
+    body = read_body(made.write_glb(tmp_path / "posed.glb", built, data)).body
     np.testing.assert_allclose(body.joints, made.JOINTS, atol=1e-6)
 
 
@@ -153,10 +153,10 @@ def test_one_of_several_skeletons_is_named(tmp_path: Path):
         ValueError,
         match=r"several skeletons \(Hips with Surface; Hips\.2 with Other\); name",
     ):
-        read_rigged(path)
+        read_body(path)
     with pytest.raises(ValueError, match="has no skinned mesh 'Third'; --mesh takes one of Surface, Other"):
-        read_rigged(path, mesh="Third")
-    np.testing.assert_allclose(read_rigged(path, mesh="Other").vertices, made.POINTS[WELDED], atol=1e-6)
+        read_body(path, mesh="Third")
+    np.testing.assert_allclose(read_body(path, mesh="Other").body.vertices, made.POINTS[WELDED], atol=1e-6)
     with pytest.raises(ValueError, match="moves no joint of the skeleton"):
         read_animation(path, mesh="Other")
 
@@ -164,7 +164,7 @@ def test_one_of_several_skeletons_is_named(tmp_path: Path):
 def test_joints_of_the_same_name_are_told_apart(tmp_path: Path):
     built, data = made.document()
     built["nodes"][3]["name"] = "Hips"
-    assert read_rigged(made.write_glb(tmp_path / "body.glb", built, data)).joint_names[2] == "Hips.2"
+    assert read_body(made.write_glb(tmp_path / "body.glb", built, data)).body.joint_names[2] == "Hips.2"
 
 
 def local_turns(mode: str, times: np.ndarray) -> np.ndarray:
@@ -213,7 +213,7 @@ def test_animations_are_sampled_as_scipy_does(tmp_path: Path, mode, unit, turned
 def test_the_posed_body_is_glTFs_own_formula(tmp_path: Path):
     """sum_j w_j G_j B_j^-1 v with all matrices written out for the key at 0.5 s."""
     path = written(tmp_path, unit=0.01, turned=Z_UP)
-    body, moved = read_rigged(path), read_animation(path, fps=2.0)
+    body, moved = read_body(path).body, read_animation(path, fps=2.0)
     posed = pose_body(body, Motion(*moved[:3]), slice(1, 2))[0]
     quarter = Z_UP @ Rotation.from_quat(made.TURNS[1]).as_matrix() @ Z_UP.T
     root = made.MOVES[1]
@@ -280,7 +280,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, change: Callable[[dict], A
     change(built)
     path = made.write_glb(tmp_path / "bad.glb", built, data)
     with pytest.raises(ValueError, match=rf"bad\.glb.*{sentence}"):
-        read_rigged(path)
+        read_body(path)
 
 
 REFUSED_MOTIONS = [
@@ -346,24 +346,24 @@ def test_buffers_outside_the_folder_are_refused(tmp_path: Path, uri: str):
     (tmp_path / "in").mkdir()
     path = made.write_gltf(tmp_path / "in" / "bad.gltf", built, data, uri)
     with pytest.raises(ValueError, match="leaves the file's folder, which is refused"):
-        read_rigged(path)
+        read_body(path)
 
 
 def test_missing_and_broken_buffers_are_refused(tmp_path: Path):
     path = tmp_path / "bad.gltf"
     with pytest.raises(FileNotFoundError, match=r"its buffer .*no\.bin is not there"):
-        read_rigged(made.write_gltf(path, *made.document(), "no.bin"))
+        read_body(made.write_gltf(path, *made.document(), "no.bin"))
     with pytest.raises(ValueError, match="buffer 0 is no base64 data"):
-        read_rigged(made.write_gltf(path, *made.document(), "data:x;base64,@@@@"))
+        read_body(made.write_gltf(path, *made.document(), "data:x;base64,@@@@"))
     with pytest.raises(OSError, match="buffer 0 holds 3 bytes of the"):
-        read_rigged(made.write_gltf(path, *made.document(), "data:x;base64,AAAA"))
+        read_body(made.write_gltf(path, *made.document(), "data:x;base64,AAAA"))
 
 
 def test_files_that_are_no_glb_are_refused(tmp_path: Path):
     raw = written(tmp_path).read_bytes()
     path = tmp_path / "bad.glb"
     with pytest.raises(FileNotFoundError, match=r"no\.glb is not there"):
-        read_rigged(tmp_path / "no.glb")
+        read_body(tmp_path / "no.glb")
     for content, kind, sentence in (
         (b"", ValueError, "does not begin with 'glTF'"),
         (b"PK\3\4" + raw, ValueError, "does not begin with 'glTF'"),
@@ -376,20 +376,20 @@ def test_files_that_are_no_glb_are_refused(tmp_path: Path):
     ):
         path.write_bytes(content)
         with pytest.raises(kind, match=sentence):
-            read_rigged(path)
+            read_body(path)
 
 
 def test_json_bombs_are_refused(tmp_path: Path):
     path = tmp_path / "bad.gltf"
     path.write_text("[" * 100_000)
     with pytest.raises(ValueError, match="holds no JSON that can be read"):
-        read_rigged(path)
+        read_body(path)
     path.write_text('{"asset": [' + "[]," * 1_500_000 + "[]]}")
     with pytest.raises(ValueError, match="its JSON has 3000003 parts"):
-        read_rigged(path)
+        read_body(path)
     path.write_text(json.dumps([1]))
     with pytest.raises(ValueError, match="its JSON is no object"):
-        read_rigged(path)
+        read_body(path)
 
 
 def test_weights_that_name_no_joint_or_nothing_are_refused(tmp_path: Path):
@@ -400,4 +400,4 @@ def test_weights_that_name_no_joint_or_nothing_are_refused(tmp_path: Path):
         first, length = view["byteOffset"], view["byteLength"]
         broken = data[:first] + bytes([byte]) * length + data[first + length :]
         with pytest.raises(ValueError, match=sentence):
-            read_rigged(made.write_glb(tmp_path / "bad.glb", built, broken))
+            read_body(made.write_glb(tmp_path / "bad.glb", built, broken))

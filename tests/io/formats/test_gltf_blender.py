@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.io.formats.blender import find_blender, run_blender
-from garment_jax.io.formats.gltf import read_animation, read_rigged
+from garment_jax.io.formats.gltf import read_animation, read_body
 from garment_jax.structs import Motion
 
 
@@ -21,7 +21,7 @@ def test_blenders_rig_moves_as_in_blender(tmp_path: Path):
     run_blender(Path(__file__).with_name("glb_from_blender.py"), [str(glb), str(out)])
     with np.load(out) as seen:
         posed = seen["posed"]
-    body, moved = read_rigged(glb), read_animation(glb, fps=30.0)
+    body, moved = read_body(glb).body, read_animation(glb, fps=30.0)
     assert body.joint_names == ("hips", "spine", "arm", "head")
     assert len(body.vertices) == posed.shape[1]  # split at UV seams by the exporter, welded by us
     assert len(moved.root) == len(posed)
