@@ -10,7 +10,10 @@ def main() -> int:
     parser.add_argument("model", help="a run of train.py, or a saved model such as models/skirt")
     parser.add_argument("--motion", required=True, help="sequence file with the body's motion")
     parser.add_argument("--out", help="sequence file to write")
-    parser.add_argument("--no-swing", action="store_true", help="move by codes alone, the paper's way")
+    parser.add_argument("--no-column-rnn", action="store_true", help="move by codes alone, the paper's way")
+    parser.add_argument(
+        "--no-swing", dest="no_column_rnn", action="store_true", help=argparse.SUPPRESS
+    )  # as it was
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
     parser.add_argument("--no-lengths", action="store_true", help="leave edges as the networks have them")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")

@@ -15,7 +15,7 @@ def main() -> int:
     parser.add_argument("config", help="experiment, e.g. configs/skirt.toml")
     parser.add_argument("--data", help="folder of imported clips (default: data.dir of the configuration)")
     parser.add_argument("--run-dir", help="folder for checkpoints and logs (default: runs/NAME)")
-    parser.add_argument("--stage", default="all", help="all, generative, motion, detail or swing")
+    parser.add_argument("--stage", default="all", help="all, generative, motion, detail or column_rnn")
     parser.add_argument("--tensorboard", action="store_true", help="also log for TensorBoard (extra)")
     options, overrides = parser.parse_known_args()
     try:

@@ -25,7 +25,7 @@ from garment_jax.dataset.start import make_skinned_template
 from garment_jax.evaluation.rmse import rmse
 from garment_jax.io.sequence import open_sequence
 from garment_jax.machine import machine
-from garment_jax.model.store import Model, template_for, without_swing
+from garment_jax.model.store import Model, template_for, without_column_rnn
 from garment_jax.training.pipeline import trained_model
 
 
@@ -75,7 +75,7 @@ def main() -> None:
     clips = [Clip(path) for path in sorted(options.clips.glob("*.h5"))]
     variants: dict[str, tuple[Model, dict]] = {
         "whole model": (model, {}),
-        **({"no swing": (without_swing(model), {})} if "swing" in model.params else {}),
+        **({"no column RNN": (without_column_rnn(model), {})} if "column_rnn" in model.params else {}),
         "no collision": (model, {"collision": False}),
         "no collision, no lengths": (without_lengths(model), {"collision": False}),
         "no collision, no detail": (model, {"collision": False, "detail": False}),

@@ -1,6 +1,7 @@
 """What bringing edges back to their lengths does: error, folds, strain, and milliseconds a frame.
 
-    python infer.py models/skirt --motion CLIP.h5 --out RAW/CLIP.h5 --no-lengths --no-collision [--no-swing]
+    python infer.py models/skirt --motion CLIP.h5 --out RAW/CLIP.h5 --no-lengths \\
+        --no-collision [--no-column-rnn]
     python experiments/edge_lengths.py RAW TRUTH... [--thickness M] [--crushed C] [--json FILE]
 
 `RAW` holds rollouts without it, under the names of clips in the folders `TRUTH`; the last row is their mean.

@@ -1,12 +1,13 @@
-"""How far a rollout should go from the codes to the swing, and be drawn out: figures on clips kept back.
+"""How far a rollout should go from the codes to the column RNN, and be drawn out: figures on clips kept back.
 
     python experiments/swing_weight.py MODEL CLIP... [--json FILE]
 
-By `rollout.swing`, and at the model's own by `rollout.gain` (columns x1.03 and on): RMSE in cm over vertices
-and frames of rollouts without edge lengths and collisions, corrected after pins and stretch limit (a rollout
-is corrected before), of each clip and of their mean. "swing" is the ring alone: its cells against the
-truth's. The last column is the correlation of both errors, cell by cell. A clip's second line is its hem's
-motion, the standard deviation divided by the truth's: a mean of two moves less than either.
+By `rollout.column_rnn`, and at the model's own by `rollout.amplitude` (columns x1.03 and on): RMSE in cm
+over vertices and frames of rollouts without edge lengths and collisions, corrected after pins and stretch
+limit (a rollout is corrected before), of each clip and of their mean. "column RNN" is the ring alone: its
+cells against the truth's. The last column is the correlation of both errors, cell by cell. A clip's second
+line is its hem's motion, the standard deviation divided by the truth's: a mean of two moves less than
+either.
 """
 
 import argparse
@@ -23,11 +24,11 @@ from garment_jax.config import to_dict
 from garment_jax.evaluation.cloth import hem
 from garment_jax.geometry.boundary import hem_vertices
 from garment_jax.io.sequence import open_sequence
-from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import at_rest, cells_of, corrected
-from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip
-from garment_jax.model.column_rnn.tables import make_swing_tables
-from garment_jax.model.store import Model, without_swing
+from garment_jax.model.column_rnn.rollout import make_column_rollout, roll_clip
+from garment_jax.model.column_rnn.tables import make_column_tables
+from garment_jax.model.store import Model, without_column_rnn
 from garment_jax.training.pipeline import trained_model
 
 WEIGHTS = (0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
@@ -41,31 +42,31 @@ def judged(model: Model, path: Path) -> tuple[dict[str, float], dict[str, float]
     with open_sequence(path) as clip:
         scene, motion, V_star = clip.scene, clip.motion, clip.read(0, clip.frames)
     yaw = heading(motion.rotations[:, 0])
-    codes = without_swing(without_lengths(model))
+    codes = without_column_rnn(without_lengths(model))
     pieces = animate(codes, scene, motion, collision=False, name=path.stem)
     V = np.concatenate([piece.V for piece in pieces])
     V, V_star = (jnp.asarray(to_root(x, motion.root, yaw)) for x in (V, V_star))
-    config = model.config.swing
-    tables = make_swing_tables(scene, config=config)
-    frames = swing_frames(motion, scene, tables)
-    roll, begun = make_swing_rollout(tables, config), at_rest(tables, (), config=config)
-    X = roll_clip(roll, model.params["swing"], begun, frames, chunk=CHUNK)
+    config = model.config.column_rnn
+    tables = make_column_tables(scene, config=config)
+    frames = column_frames(motion, scene, tables)
+    roll, begun = make_column_rollout(tables, config), at_rest(tables, (), config=config)
+    X = roll_clip(roll, model.params["column_rnn"], begun, frames, chunk=CHUNK)
     anchor = jnp.asarray(frames.anchor)
     cells, true = (np.asarray(cells_of(x, anchor, tables=tables)) for x in (V, V_star))
     pins = scene.pins.vertices if scene.pins is not None else None
     low = hem_vertices(scene.garment.template, scene.garment.faces, pins)
     truth = np.asarray(V_star)
-    row, moves, reach = {}, {}, model.config.rollout.reach
+    row, moves, reach = {}, {}, model.config.rollout.max_correction
     settings = {f"{weight:g}": (weight, 1.0) for weight in WEIGHTS}
-    settings |= {f"x{gain:g}": (model.config.rollout.swing, gain) for gain in GAINS}
+    settings |= {f"x{gain:g}": (model.config.rollout.column_rnn, gain) for gain in GAINS}
     for name, (weight, gain) in settings.items():
-        ring = {"tables": tables, "weight": weight, "gain": gain, "reach": reach}
+        ring = {"tables": tables, "weight": weight, "amplitude": gain, "max_correction": reach}
         W = np.asarray(corrected(V, jnp.asarray(X), anchor, **ring))
         row[name] = float(100 * np.sqrt(np.square(W - truth).sum(axis=-1).mean(dtype=np.float64)))
         moves[name] = hem(W[:, low]).motion_std_cm / hem(truth[:, low]).motion_std_cm
     share = tables.share[..., None]
     square = [(share * np.square(x - true)).sum() for x in (X, cells)]
-    row["swing"] = float(100 * np.sqrt(square[0] / len(X)))
+    row["column_rnn"] = float(100 * np.sqrt(square[0] / len(X)))
     row["correlation"] = float((share * (X - true) * (cells - true)).sum() / np.sqrt(square[0] * square[1]))
     return row, moves
 
@@ -78,8 +79,10 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     model = trained_model(options.model)
-    if "swing" not in model.params:
-        raise SystemExit(f"swing_weight: {options.model} has no swing; train one with --stage swing.")
+    if "column_rnn" not in model.params:
+        raise SystemExit(
+            f"swing_weight: {options.model} has no column RNN; train one with --stage column_rnn."
+        )
     rows: list[dict] = []
     for path in options.clips:
         figures = zip((ERROR, MOTION), judged(model, path), strict=True)
@@ -92,7 +95,7 @@ def main() -> None:
     rows = [{name: _rounded(row.get(name)) for name in names} for row in rows]
     report(
         rows,
-        title="By rollout.swing, and by rollout.gain",
+        title="By rollout.column_rnn, and by rollout.amplitude",
         facts={"model": options.model, "shipped": to_dict(model.config)["rollout"]},
         json_path=options.json,
     )

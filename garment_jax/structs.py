@@ -92,16 +92,16 @@ class Scene(NamedTuple):
     pins: Pins | None
 
 
-class SwingFrame(NamedTuple):
-    """The motion of one frame as the swing's ring of `a` columns takes it; leading axes stack."""
+class ColumnFrame(NamedTuple):
+    """The motion of one frame as the column RNN's ring of `a` columns takes it; leading axes stack."""
 
-    seen: Array  # [a, f] features of each column (see swing/motion)
+    seen: Array  # [a, f] features of each column (see column_rnn/motion)
     way: Array  # [a, 3] metres that each anchor moved since the last frame, in the column's frame
     turn: Array  # [] radians that cloth which hangs in the world turns about +Y as seen from the root
     anchor: Array  # [a, 3] metres, root frame
 
 
-class SwingCarry(NamedTuple):
+class ColumnCarry(NamedTuple):
     """What the ring carries from frame to frame; columns' frames."""
 
     X: jax.Array  # [*b, a, h, 3] metres from the anchors, the last frame's cells
@@ -119,7 +119,7 @@ class FrameInput(NamedTuple):
         None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), into root frame
     )
     t: Array | None = None  # [j, 3] metres
-    swing: SwingFrame | None = None  # None: codes alone
+    column_rnn: ColumnFrame | None = None  # None: codes alone
 
 
 class TrainState(NamedTuple):
@@ -129,4 +129,4 @@ class TrainState(NamedTuple):
     opt_state: PyTree
     key: jax.Array  # PRNG key, split once per step
     step: jax.Array  # [] int32
-    carry: PyTree = ()  # recurrent state that crosses window borders (motion, swing)
+    carry: PyTree = ()  # recurrent state that crosses window borders (motion, column RNN)

@@ -20,7 +20,7 @@ from garment_jax.model.store import save_model
 from garment_jax.training.run_directory import prepare_run
 from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_motion, make_scene, write_clip
-from tests.reference.tiny_swing import swinging_model
+from tests.reference.tiny_column_rnn import column_rnn_model
 
 ROOT = Path(__file__).parents[1]
 
@@ -304,25 +304,25 @@ def test_a_budget_chooses_a_measured_variant(tmp_path: Path, clip, monkeypatch, 
     assert "too fine to see: it moves the cloth by 0.4 mm, a pixel covers 2 mm" in capsys.readouterr().out
 
 
-def test_a_budget_without_the_swing_chooses_among_variants_without(
+def test_a_budget_without_the_column_rnn_chooses_among_variants_without(
     tmp_path: Path, clip, monkeypatch, capsys, quick_times
 ):
-    folder, out = save_model(swinging_model(), tmp_path / "model"), str(tmp_path / "out.h5")
+    folder, out = save_model(column_rnn_model(), tmp_path / "model"), str(tmp_path / "out.h5")
     rows = [
         {"name": name, "settings": VARIANTS[name]._asdict(), "error_cm": error, "ms": 99.0}
-        for name, error in (("whole", 1.0), ("no swing", 1.1), ("codes alone", 1.2))
+        for name, error in (("whole", 1.0), ("no column RNN", 1.1), ("codes alone", 1.2))
     ]
     (folder / "variants.json").write_text(json.dumps({"variants": rows, "detail_mm": 0.4}))
     words = [str(folder), "--motion", clip, "--out", out, "--budget-ms"]
     assert call(infer, [*words, "9"], monkeypatch) == 0
     assert "budget 9 ms: whole," in capsys.readouterr().out
-    assert call(infer, [*words, "9", "--no-swing", "--plan"], monkeypatch) == 0
+    assert call(infer, [*words, "9", "--no-column-rnn", "--plan"], monkeypatch) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "budget 9 ms: no swing," in said
-    assert "swing off - not wanted: codes alone move the cloth" in said
-    asked = [*words, "9", "--no-swing", "--no-detail"]  # "codes alone" would leave collisions unhandled
+    assert "budget 9 ms: no column RNN," in said
+    assert "column_rnn off - not wanted: codes alone move the cloth" in said
+    asked = [*words, "9", "--no-column-rnn", "--no-detail"]  # "codes alone" would leave collisions unhandled
     sentence = refused(call(infer, asked, monkeypatch), capsys.readouterr())
-    assert "no variant without just the swing and detail has been measured" in sentence
+    assert "no variant without just the column RNN and detail has been measured" in sentence
 
 
 def test_an_output_or_a_plan_must_be_asked_for(model, clip, monkeypatch, capsys):

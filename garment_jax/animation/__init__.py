@@ -12,7 +12,7 @@ from garment_jax.model.store import (
     save_model,
     skinned_template,
     template_for,
-    without_swing,
+    without_column_rnn,
 )
 
 __all__ = [
@@ -37,5 +37,5 @@ __all__ = [
     "stack_motions",
     "step",
     "template_for",
-    "without_swing",
+    "without_column_rnn",
 ]

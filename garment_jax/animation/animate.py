@@ -28,7 +28,7 @@ from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.io.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
 from garment_jax.io.validation import check_input
 from garment_jax.model.misfit import check_parameters
-from garment_jax.model.store import Model, check_rate, facts_of, template_for, without_swing
+from garment_jax.model.store import Model, check_rate, facts_of, template_for, without_column_rnn
 from garment_jax.postprocess.figures import per_frame_columns
 from garment_jax.progress import FrameProgress
 from garment_jax.structs import Motion, Scene
@@ -170,7 +170,7 @@ def _animate_open(
     encoding, scale = _stored_as(sequence)
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
-    model = model if plan.swing else without_swing(model)
+    model = model if plan.column_rnn else without_column_rnn(model)
     began = time.perf_counter()
     frames, deepest = 0, 0.0
     figures, known = None, 0

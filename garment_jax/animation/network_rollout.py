@@ -1,4 +1,4 @@
-"""A motion through the networks, chunk by chunk: the codes (the paper's), corrected by the swing."""
+"""A motion through the networks, chunk by chunk: the codes (the paper's), corrected by the column RNN."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -35,7 +35,7 @@ def make_network_rollout(
     """Return the function that rolls motions out; it begins to compile at once.
 
     It makes the networks' inputs as it goes, `AT_ONCE` frames at a time: a long motion's would fill the
-    memory. A model without a swing (`without_swing`) does not even import it.
+    memory. A model without a column RNN (`without_column_rnn`) does not even import it.
     """
     chunk, d = model.config.rollout.chunk, len(model.statistics.motion_mean)
     state = init_state(model.params, jnp.zeros((model.vertices, 3)), template=template, config=model.config)
@@ -43,7 +43,7 @@ def make_network_rollout(
     if template.ring is not None:
         from garment_jax.model.column_rnn.rollout import seen_in, unseen
 
-        frames = frames._replace(swing=unseen(template.ring, chunk))
+        frames = frames._replace(column_rnn=unseen(template.ring, chunk))
         look = partial(seen_in, scene, template.ring, chunk)
     rolled = make_rollout(template, model.config, detail=detail)
     example = shapes_of((model.params, state, frames))
@@ -59,7 +59,7 @@ def make_network_rollout(
             x, _ = stack_motions([x], chunk)
             for start in range(0, len(x.M), chunk):
                 piece = jax.tree.map(itemgetter((slice(start, start + chunk), 0)), x)
-                piece = piece if look is None else piece._replace(swing=look(motion, first + start))
+                piece = piece if look is None else piece._replace(column_rnn=look(motion, first + start))
                 state, V = roll(model.params, state, piece)
                 yield first + start, V
 

@@ -21,7 +21,7 @@ CLEARANCE = 0.01  # metres beyond the margin: float32, and the solver's own look
 class ScenePlan(NamedTuple):
     """Which stages run, and why."""
 
-    swing: bool  # the swing corrects the codes
+    column_rnn: bool  # the column RNN corrects the codes
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
     lengths: bool  # edges that are too short or too long come back to their lengths
@@ -39,13 +39,13 @@ def make_plan(
     scene: Scene,
     motion: Motion,
     *,
-    swing: bool = True,
+    column_rnn: bool = True,
     detail: bool = True,
     collision: bool = True,
     pixel_mm: float | None = None,
     detail_mm: float | None = None,
 ) -> ScenePlan:
-    """Return the plan of `motion` for the model; `swing`, `detail` and `collision` off override all else.
+    """Return the plan of `motion` for the model; `column_rnn`, `detail` and `collision` off count before all.
 
     `pixel_mm`: what a pixel covers of the garment; detail that moves the cloth by less than half of it
     (`detail_mm`, measured) is left out. Raises `ValueError` for a pixel that is not positive.
@@ -53,12 +53,12 @@ def make_plan(
     if pixel_mm is not None and not pixel_mm > 0:
         raise ValueError(f"--lod {pixel_mm:g} is not a size; give what a pixel covers, in millimetres.")
     state = model.config.motion.previous_state
-    swings, why_swings = _swing(model, swing)
+    has_column_rnn, why_column_rnn = _column_rnn(model, column_rnn)
     fine, why_fine = _detail(model, detail, pixel_mm, detail_mm)
     lengths = model.config.rollout.lengths
     solve, far, nearest, why_solve = _collision(model, scene, motion, collision)
     why = {
-        "swing": why_swings,
+        "column_rnn": why_column_rnn,
         "previous state": "trained with it: frame after frame"
         if state
         else "trained without it: decoded at once",
@@ -66,25 +66,31 @@ def make_plan(
         "edge lengths": "wanted" if lengths else "not wanted",
         "collision": why_solve,
     }
-    unread = _unread(model, swings, fine)
+    unread = _unread(model, has_column_rnn, fine)
     triangles = 0 if scene.collider is None else len(scene.collider.faces)
     writes = ("vertices", "extra/outside_training_range", *(("extra/collision_*",) if solve else ()))
-    return ScenePlan(swings, state, fine, lengths, solve, far, why, unread, triangles, nearest, writes)
+    return ScenePlan(
+        has_column_rnn, state, fine, lengths, solve, far, why, unread, triangles, nearest, writes
+    )
 
 
-def _swing(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
-    if "swing" not in model.parts:
+def _column_rnn(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
+    if "column_rnn" not in model.parts:
         return False, "not trained"
-    if not wanted or not model.config.rollout.swing:
+    if not wanted or not model.config.rollout.column_rnn:
         return False, "not wanted: codes alone move the cloth"
     wants = model.config.rollout
-    drawn = "" if wants.gain == 1.0 else f", drawn out by {wants.gain:g}"
-    return True, f"wanted: {wants.swing:.0%} of the way from the codes to it{drawn}"
+    drawn = "" if wants.amplitude == 1.0 else f", drawn out by {wants.amplitude:g}"
+    return True, f"wanted: {wants.column_rnn:.0%} of the way from the codes to it{drawn}"
 
 
-def _unread(model: ModelFacts, swings: bool, fine: bool) -> tuple[str, ...]:
+def _unread(model: ModelFacts, has_column_rnn: bool, fine: bool) -> tuple[str, ...]:
     """Return the parameters that no stage of the plan reads."""
-    off = [name for name, on in (("detail", fine), ("swing", swings)) if not on and name in model.parts]
+    off = [
+        name
+        for name, on in (("detail", fine), ("column_rnn", has_column_rnn))
+        if not on and name in model.parts
+    ]
     return ("generative/E_gen", *off)
 
 

@@ -55,7 +55,12 @@ def _rows(plan: ScenePlan, costs: dict[str, float]) -> list[tuple[str, str, str,
     state = "on" if plan.previous_state else "off"
     rows = [("networks", "on", spelled("networks", True), "encoder, decoders, pins, world placement")]
     rows.append(
-        ("swing", "on" if plan.swing else "off", "in networks" if plan.swing else "-", plan.why["swing"])
+        (
+            "column_rnn",
+            "on" if plan.column_rnn else "off",
+            "in networks" if plan.column_rnn else "-",
+            plan.why["column_rnn"],
+        )
     )
     rows.append(
         ("previous state", state, "in networks" if plan.previous_state else "-", plan.why["previous state"])

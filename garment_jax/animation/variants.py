@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from garment_jax.config import Config
-from garment_jax.model.store import Model, without_swing
+from garment_jax.config import Config, current
+from garment_jax.model.store import Model, without_column_rnn
 
 FILE = "variants.json"
 
@@ -23,7 +23,7 @@ class Variant(NamedTuple):
     detail: bool = True
     collision: bool = True
     lengths: bool = True  # edges that are too short or too long come back to their lengths
-    swing: bool = True  # where the model has one
+    column_rnn: bool = True  # where the model has one
     iterations: int | None = None  # of the collision solver at most; None: the model's
     rank: int | None = None  # of D_rec's last layer; None: the model's
     last_layers: str = "float32"  # the type in which D_rec's and D_dyn's last dense layers are kept
@@ -34,13 +34,13 @@ VARIANTS: dict[str, Variant] = {
     "10 solver steps": Variant(iterations=10),
     "no detail": Variant(detail=False),
     "no detail, rank 32": Variant(detail=False, rank=32),
-    "no swing": Variant(swing=False),
-    "no swing, no detail": Variant(swing=False, detail=False),
-    "no swing, no collision": Variant(swing=False, collision=False),
+    "no column RNN": Variant(column_rnn=False),
+    "no column RNN, no detail": Variant(column_rnn=False, detail=False),
+    "no column RNN, no collision": Variant(column_rnn=False, collision=False),
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
     "networks alone": Variant(detail=False, collision=False, lengths=False),
-    "codes alone": Variant(swing=False, detail=False, collision=False, lengths=False),
+    "codes alone": Variant(column_rnn=False, detail=False, collision=False, lengths=False),
     "networks alone, bfloat16 last layers": Variant(
         detail=False, collision=False, lengths=False, last_layers="bfloat16"
     ),
@@ -51,9 +51,9 @@ VARIANTS: dict[str, Variant] = {
 
 def variants_of(parts: Container[str]) -> dict[str, Variant]:
     """Return the variants of a model with the trained `parts`, by name; what leaves out least comes first."""
-    if "swing" in parts:
+    if "column_rnn" in parts:
         return VARIANTS
-    return {name: v._replace(swing=False) for name, v in VARIANTS.items() if v.swing}
+    return {name: v._replace(column_rnn=False) for name, v in VARIANTS.items() if v.column_rnn}
 
 
 class Measured(NamedTuple):
@@ -78,7 +78,9 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         )
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
-        older = [row["name"] for row in table["variants"] if "swing" not in row["settings"]]
+        for row in table["variants"]:
+            row["settings"] = {current(name): value for name, value in row["settings"].items()}
+        older = [row["name"] for row in table["variants"] if "column_rnn" not in row["settings"]]
         rows = [
             _measured(row) for row in (() if older else table["variants"]) if {"error_cm", "ms"} <= row.keys()
         ]
@@ -87,10 +89,10 @@ def stored_variants(folder: str | Path) -> tuple[list[Measured], float | None]:
         raise ValueError(f"{path} is damaged ({error}); run garment-jax variants {folder} again.") from error
     if older:
         raise ValueError(
-            f"{path} was measured before models had a swing ({older[0]!r}); "
+            f"{path} was measured before models had a column RNN ({older[0]!r}); "
             f"run garment-jax variants {folder} again."
         )
-    if not any(row.variant == VARIANTS["whole"]._replace(swing=row.variant.swing) for row in rows):
+    if not any(row.variant == VARIANTS["whole"]._replace(column_rnn=row.variant.column_rnn) for row in rows):
         raise ValueError(
             f"{path} has no error and time of the whole model yet; run garment-jax variants {folder} with "
             "--errors, then with --times."
@@ -104,7 +106,7 @@ def _measured(row: dict[str, Any]) -> Measured:
     for name, value in variant._asdict().items():
         whole = name in ("iterations", "rank")
         right = value is None or (type(value) is int and 0 < value < 10_000) if whole else True
-        right &= type(value) is bool if name in ("detail", "collision", "lengths", "swing") else True
+        right &= type(value) is bool if name in ("detail", "collision", "lengths", "column_rnn") else True
         right &= value in ("float32", "bfloat16") if name == "last_layers" else True
         if not right:
             raise ValueError(f"{name} = {value!r}")
@@ -124,8 +126,8 @@ def apply_variant(model: Model, variant: Variant) -> Model:
 
     Raises `ValueError` for a rank that the model's last layer does not have.
     """
-    if not variant.swing:
-        model = without_swing(model)
+    if not variant.column_rnn:
+        model = without_column_rnn(model)
     if variant.iterations is not None:
         settings = replace(model.config.collision, iterations=variant.iterations)
         model = model._replace(config=replace(model.config, collision=settings))

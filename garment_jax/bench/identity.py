@@ -14,7 +14,7 @@ from typing import Any
 from garment_jax.baselines.fitting import own_config
 from garment_jax.baselines.vertex_decoder import single_decoder
 from garment_jax.bench.settings import OURS
-from garment_jax.config import Config, differences, to_dict
+from garment_jax.config import Config, differences, former_names, to_dict
 
 DIGITS = 12
 TRAINED = 1  # counted into the names of runs: raise it when a default or the code changes what is learnt
@@ -53,15 +53,15 @@ def learnt(config: Config, method: str) -> dict[str, dict[str, Any]]:
         section, _, key = name.partition(".")
         if name != "data.dir":
             picked.setdefault(section, {})[key] = value
-    if method == OURS and config.swing.steps:  # left out by `differences`: a stage that was off before
-        picked["swing"] = {k: v for k, v in table["swing"].items() if v != default["swing"][k]}
+    if method == OURS and config.column_rnn.steps:  # left out by `differences`: a stage that was off before
+        picked["column_rnn"] = {k: v for k, v in table["column_rnn"].items() if v != default["column_rnn"][k]}
     if method == "vertex_decoder":  # which trains our first stage, as the row's [generative] has it
         sections = [to_dict(single_decoder(c))["generative"] for c in (config, Config())]
         picked["generative"] = {k: v for k, v in sections[0].items() if v != sections[1][k]}
     if method != OURS:  # `differences` leaves this section out, which changes nothing of ours
         own = {k: v for k, v in table["baselines"].items() if v != default["baselines"][k]}
         picked |= {"baselines": own} if own else {}
-    return picked
+    return former_names(picked)
 
 
 @functools.cache

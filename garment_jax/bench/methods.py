@@ -29,7 +29,7 @@ from garment_jax.model.store import (
     save_model,
     skinned_template,
     template_for,
-    without_swing,
+    without_column_rnn,
 )
 from garment_jax.structs import FrameInput, Motion, Scene
 from garment_jax.training.pipeline import train, trained_model
@@ -135,7 +135,7 @@ def _stream(model: Model, row: Row) -> Callable[[Scene, Motion, str], Stream]:
 
 def reconstructed(model: Model, scene: Scene, motion: Motion, V: np.ndarray, name: str) -> np.ndarray:
     """Return the truth `V` `[t, n, 3]`, world metres, encoded by ours (the means of Z) and decoded."""
-    template, seeds = template_for(without_swing(model), scene, name)
+    template, seeds = template_for(without_column_rnn(model), scene, name)
     inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     params, config = model.params["generative"], model.config.generative
     local = to_root(V.astype(np.float64), inputs.root, inputs.yaw).astype(np.float32)

@@ -16,7 +16,7 @@ from garment_jax.storage.whole import written_whole
 
 HEIGHT, COLUMNS = 260, 5
 REBUILT = ("vertex_decoder", "ssdr_linear", "auto_encoder")
-COMPARED = ("santesteban_2019", "pan_2022", "no_previous_state", "ours", "ours_swing")
+COMPARED = ("santesteban_2019", "pan_2022", "no_previous_state", "ours", "ours_column_rnn")
 
 
 def all_pictures(records: Records, test: Sequence[Path], out: Path) -> dict[str, Path]:

@@ -186,10 +186,11 @@ class Plan:
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
         how = config.rollout
-        drawn = [how.gain] if how.gain != 1.0 else []  # came later, too
-        reach = [{"reach": how.reach}] if how.reach != 1.0 else []  # and so did this
-        swing = [how.swing, *drawn, *reach] if config.swing.steps else []
-        return [row.task, row.detail, row.precision, collision, *lengths, *swing]
+        drawn = [how.amplitude] if how.amplitude != 1.0 else []  # came later, too
+        farthest = how.max_correction  # and so did this, by its former name
+        reach = [{"reach": farthest}] if farthest != 1.0 else []
+        column_rnn = [how.column_rnn, *drawn, *reach] if config.column_rnn.steps else []
+        return [row.task, row.detail, row.precision, collision, *lengths, *column_rnn]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:
         return self.out / "results" / f"{row.name}-s{seed}-{kind}-{digest(parts)}.json"

@@ -200,7 +200,7 @@ def rollout_plot(records: Records, lengths: Sequence[int]) -> str:
 
 def frame_plot(records: Records) -> str:
     """The longest clip's error by frame, smoothed over a second, of the rows compared."""
-    names = ("ours_swing", "ours", "no_previous_state", "pan_2022", "santesteban_2019", "ridge")
+    names = ("ours_column_rnn", "ours", "no_previous_state", "pan_2022", "santesteban_2019", "ridge")
     names += ("skinned_template",)
     found = [record for record in map(records.named, names) if record is not None]
     figure, axes = _figure()

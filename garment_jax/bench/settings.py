@@ -139,7 +139,7 @@ def merged(config: Config, changes: Mapping[str, Any], *, source: str) -> Config
 def scaled(config: Config, *, length: float = 1.0, rate: float = 1.0) -> Config:
     """Return `config` with numbers of steps times `length` (1 at least) and learning rates times `rate`.
 
-    The swing keeps its rate: the search is the codes', which it never reads.
+    The column RNN keeps its rate: the search is the codes', which it never reads.
     """
 
     def section(values: Any, rate: float) -> Any:
@@ -153,7 +153,7 @@ def scaled(config: Config, *, length: float = 1.0, rate: float = 1.0) -> Config:
         return dataclasses.replace(values, **changed)
 
     changed = {name: section(getattr(config, name), rate) for name in _TRAINED}
-    return dataclasses.replace(config, **changed, swing=section(config.swing, 1.0))
+    return dataclasses.replace(config, **changed, column_rnn=section(config.column_rnn, 1.0))
 
 
 def row_config(loaded: Loaded, row: Row, seed: int, *, rate: float = 1.0, length: float = 1.0) -> Config:

@@ -20,7 +20,10 @@ from garment_jax.bench.records import (
 from garment_jax.bench.settings import OURS
 
 OPEN = "open"
-PREVIOUS_STATE = (("ours", "no_previous_state"), ("ours_swing", "swing_no_previous_state"))  # with, without
+PREVIOUS_STATE = (
+    ("ours", "no_previous_state"),
+    ("ours_column_rnn", "column_rnn_no_previous_state"),
+)  # with, without
 DETAIL_ROWS = ("no_detail", "no_discriminator", "ours")
 COMPARED = ("santesteban_2019", "pan_2022")
 ERRORS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
@@ -199,7 +202,7 @@ def ratio_table(records: Records, reference: str) -> Table:
         top = plain if is_ours(r) and r.row.name != OURS else ours
         rows.append([_title(r), *_ratios(whole.get(r.row.name) or top, records.named(r.row.name))])
     note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' "
-    note += "divided; of the swing's, the row with the swing."
+    note += "divided; of the column RNN's, the row with the column RNN."
     return Table("Ours ÷ other", ["other", "RMSE", "Hausdorff", "STED"], rows, note)
 
 

@@ -62,14 +62,14 @@ def _cpu_seconds() -> float:
 def log_figures(folder: Path) -> dict[str, Any]:
     """Return what a run's log tells: seconds by stage, the validation's curve and its last error.
 
-    Of a stage that was taken over from another run the seconds are those it took there. The swing's errors
-    are of cells, the others' of vertices: the last error and the curve are the codes'.
+    Of a stage that was taken over from another run the seconds are those it took there. The column RNN's
+    errors are of cells, the others' of vertices: the last error and the curve are the codes'.
     """
     entries = read_log(folder)
     stages = list(dict.fromkeys(entry["stage"] for entry in entries))
     seconds = {s: max(e["seconds"] for e in entries if e["stage"] == s) for s in stages}
     before = {s: sum(seconds[o] for o in stages[:i]) for i, s in enumerate(stages)}
-    checks = [e for e in entries if e["kind"] == "validation" and e["stage"] != "swing"]
+    checks = [e for e in entries if e["kind"] == "validation" and e["stage"] != "column_rnn"]
     checks = [e for e in checks if e.get("rmse_cm") is not None]
     return {
         "stage_seconds": seconds,

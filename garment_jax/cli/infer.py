@@ -20,7 +20,7 @@ def infer(
     model: str,
     motion: str,
     out: str | None,
-    no_swing: bool = False,
+    no_column_rnn: bool = False,
     no_detail: bool = False,
     no_lengths: bool = False,
     no_collision: bool = False,
@@ -54,7 +54,7 @@ def infer(
             facts,
             scene,
             moves,
-            swing=not no_swing,
+            column_rnn=not no_column_rnn,
             detail=not no_detail,
             collision=not no_collision,
             pixel_mm=lod,
@@ -62,7 +62,7 @@ def infer(
         )
         name = "whole model"
         if budget_ms is not None:
-            # with a swing that is not wanted, too: the names of its variants are those of the stored table
+            # with a column RNN that is not wanted, too: its variants have the names of the stored table
             found = _within(budget_ms, model, whole or read(), scene, moves, scene_plan, here)
             name, scene_plan, whole, line = found
             yield line
@@ -82,9 +82,9 @@ def infer(
 
 
 def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
-    from garment_jax.model.store import without_swing
+    from garment_jax.model.store import without_column_rnn
 
-    return model if plan.swing else without_swing(model)
+    return model if plan.column_rnn else without_column_rnn(model)
 
 
 def _facts(path: str):
@@ -143,7 +143,7 @@ def _within(
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
     chosen = choose(rows, times, budget_ms)
     v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
-    for part in ("swing", "detail", "collision"):
+    for part in ("column_rnn", "detail", "collision"):
         if getattr(plan, part) and not getattr(v, part):
             plan = plan._replace(**{part: False}, why={**plan.why, part: why})
     if plan.lengths and not v.lengths:
@@ -163,9 +163,9 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
     """
     from garment_jax.animation.variants import stored_variants
 
-    rows, wanted = stored_variants(path)[0], (plan.swing, plan.detail, plan.collision)
-    if wanted not in [(row.variant.swing, row.variant.detail, row.variant.collision) for row in rows]:
-        names = zip(("the swing", "detail", "collision handling"), wanted, strict=True)
+    rows, wanted = stored_variants(path)[0], (plan.column_rnn, plan.detail, plan.collision)
+    if wanted not in [(row.variant.column_rnn, row.variant.detail, row.variant.collision) for row in rows]:
+        names = zip(("the column RNN", "detail", "collision handling"), wanted, strict=True)
         left_out = " and ".join(name for name, kept in names if not kept)
         raise ValueError(
             f"--budget-ms: of {path} no variant without just {left_out} has been measured, so its error "
@@ -175,7 +175,7 @@ def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
         row
         for row in rows
         if row.variant.detail <= plan.detail
-        and row.variant.swing <= plan.swing
+        and row.variant.column_rnn <= plan.column_rnn
         and row.variant.collision <= plan.collision
     ]
 

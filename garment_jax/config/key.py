@@ -17,6 +17,7 @@ class Key(NamedTuple):
     check: Check = "not negative"
     shapes: Shapes = "training"
     later: bool = False  # counts in `content_hash` only where it differs from its default
+    was: str = ""  # its name before, which files may still have and hashes do
 
 
 def key(
@@ -26,17 +27,18 @@ def key(
     *,
     shapes: Shapes = "training",
     later: bool = False,
+    was: str = "",
 ) -> Any:
     """Return the dataclass field of a key; `help` starts with the unit where there is one.
 
     `later` keeps the hashes of configurations that were made before the key existed.
     """
-    return dataclasses.field(default=default, metadata={"key": Key(help, check, shapes, later)})
+    return dataclasses.field(default=default, metadata={"key": Key(help, check, shapes, later, was)})
 
 
-def section(kind: type, help: str, *, shapes: Shapes = "training", later: bool = False) -> Any:
+def section(kind: type, help: str, *, shapes: Shapes = "training", later: bool = False, was: str = "") -> Any:
     """Return the dataclass field of a section; `shapes="use"` holds for all its keys."""
-    metadata = {"key": Key(help, shapes=shapes, later=later)}
+    metadata = {"key": Key(help, shapes=shapes, later=later, was=was)}
     return dataclasses.field(default_factory=kind, metadata=metadata)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from garment_jax.config.former_names import current, current_key, current_names
 from garment_jax.config.key import metadata
 from garment_jax.config.sections import Config
 from garment_jax.config.values import checked, parse
@@ -32,7 +33,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
 def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") -> Config:
     """Build a checked Config from nested dicts as TOML or JSON give them (inverse of `to_dict`)."""
     sections = get_type_hints(Config)
-    table = _without_dynamics(table, source)
+    table = current_names(_without_dynamics(table, source), source)
     refuse_unknown(table, sections, kind="section", source=source)
     built = {}
     for name, entries in table.items():
@@ -58,7 +59,9 @@ def apply_overrides(config: Config, overrides: Sequence[str]) -> Config:
             raise ValueError(f"{source}: {option!r} is not an override; write --SECTION.KEY VALUE.")
         if not equals and not words:
             raise ValueError(f"{source}: {option} has no value; write {option} VALUE.")
+        section = current(section)
         refuse_unknown([section], sections, kind="section", source=source)
+        key = current_key(section, key)
         hints = get_type_hints(sections[section])
         refuse_unknown([key], hints, kind=f"key in [{section}]", source=source)
         text = text if equals else words.pop(0)
@@ -77,12 +80,12 @@ def _checked(kind: Any, section: str, key: str, value: Any, source: str) -> Any:
 
 def _fitting(config: Config, source: str) -> Config:
     """`config`, or ValueError where UV maps cannot be halved by every convolution or the ring is no ring."""
-    swing = config.swing
-    if swing.around % 2 == 0 or swing.columns < swing.around or swing.hidden < 1 or swing.window < 2:
+    ring = config.column_rnn
+    if ring.around % 2 == 0 or ring.columns < ring.around or ring.hidden < 1 or ring.window < 2:
         raise ValueError(
-            f"{source}: swing.around = {swing.around}, swing.columns = {swing.columns}, swing.hidden = "
-            f"{swing.hidden}, swing.window = {swing.window}: give an odd number around, no more than there "
-            "are columns, one hidden number and two frames at least."
+            f"{source}: column_rnn.around = {ring.around}, columns = {ring.columns}, hidden = {ring.hidden}, "
+            f"window = {ring.window}: give an odd number around, no more than there are columns, one hidden "
+            "number and two frames at least."
         )
     size = config.uv.size
     for section in ("generative", "motion"):
@@ -120,7 +123,7 @@ def _without_dynamics(table: Mapping[str, Any], source: str) -> Mapping[str, Any
     if isinstance(old, Mapping) and old.get("steps", 0):
         raise ValueError(
             f"{source}: [dynamics] has steps = {old['steps']}, and local dynamics are no more; the "
-            "swing takes their place: give [swing] steps (configs/skirt.toml), and train again."
+            "column RNN takes their place: give [column_rnn] steps (configs/skirt.toml), and train again."
         )
     return {name: entries for name, entries in table.items() if name != "dynamics"}
 

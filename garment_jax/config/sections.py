@@ -128,7 +128,7 @@ class DetailConfig:
 
 
 @dataclass(frozen=True)
-class SwingConfig:
+class ColumnRnnConfig:
     """A recurrent network on a ring of columns, which corrects the latents (not in the paper)."""
 
     steps: int = key(0, "windows; 0 leaves the stage out")
@@ -224,11 +224,19 @@ class TrainingConfig:
 class RolloutConfig:
     chunk: int = key(256, "frames per compiled piece", "positive")
     lengths: bool = key(True, "bring edges back to their lengths, which blurred folds lose", later=True)
-    swing: float = key(0.6, "part of the swing's correction that is applied", "part", later=True)
+    column_rnn: float = key(
+        0.6, "part of the column RNN's correction that is applied", "part", later=True, was="swing"
+    )
     # a regression mean has less amplitude than any sample
-    gain: float = key(1.0, "amplitude: factor on the corrected offset from rest", "positive", later=True)
-    reach: float = key(
-        1.0, "largest correction, in a cell's scale (8 cm at the shared skirt's hem)", "positive", later=True
+    amplitude: float = key(
+        1.0, "factor on the corrected offset from rest", "positive", later=True, was="gain"
+    )
+    max_correction: float = key(
+        1.0,
+        "largest correction, in a cell's scale (8 cm at the shared skirt's hem)",
+        "positive",
+        later=True,
+        was="reach",
     )
 
 
@@ -240,7 +248,9 @@ class Config:
     generative: GenerativeConfig = section(GenerativeConfig, "stage 1, the paper's section 3.2")
     motion: MotionConfig = section(MotionConfig, "stage 2, section 3.3")
     detail: DetailConfig = section(DetailConfig, "stage 3, section 3.4")
-    swing: SwingConfig = section(SwingConfig, "stage 4, the column RNN (not in the paper)", later=True)
+    column_rnn: ColumnRnnConfig = section(
+        ColumnRnnConfig, "stage 4, the column RNN (not in the paper)", later=True, was="swing"
+    )
     simulation: SimulationConfig = section(SimulationConfig, "frames straight from the simulator", later=True)
     collision: CollisionConfig = section(CollisionConfig, "section 3.5", shapes="use")
     # a baseline's folder keeps this section among its facts

@@ -27,9 +27,9 @@ class Statistics(NamedTuple):
 
 
 class SeenBody(NamedTuple):
-    """Where a swing looks at the body: vertices of the collider that it was trained with; kept beside it.
+    """Where a column RNN looks at the body: vertices of the collider that it was trained with.
 
-    Another collider reaches elsewhere: with the arms in it, which hang beside a skirt, a swing that had
+    Another collider reaches elsewhere: with the arms in it, which hang beside a skirt, a column RNN that had
     learnt without them erred by more than the codes that it corrects.
     """
 
@@ -54,8 +54,8 @@ def read_seen_body(described: dict | None) -> SeenBody | None:
     return SeenBody(described["mesh"], *points)
 
 
-class SwingTables(NamedTuple):
-    """A garment as the swing's ring of `a` columns of `h` cells (static; metres)."""
+class ColumnTables(NamedTuple):
+    """A garment as the column RNN's ring of `a` columns of `h` cells (static; metres)."""
 
     frames: np.ndarray  # [a, 3, 3] rows: outward, around the body, up; root frame -> the column's own
     anchors: np.ndarray  # [a, p] weights of the pins that carry a column; rows sum to 1
@@ -82,7 +82,7 @@ class Template(NamedTuple):
     interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
     W: np.ndarray | None = None  # [n, j] weights that pose it; None: networks see it in the root frame
-    ring: SwingTables | None = None  # None: codes alone
+    ring: ColumnTables | None = None  # None: codes alone
 
 
 STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant

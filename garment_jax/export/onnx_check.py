@@ -13,7 +13,7 @@ from garment_jax.model.scan import make_rollout
 from garment_jax.postprocess.pins import attach, pin_extension
 
 TOLERANCE = 1e-4  # metres, and the motion features' own units
-SWING_TOLERANCE = 2e-3  # metres: a point of the body on the border of two sectors may count to either
+COLUMN_RNN_TOLERANCE = 2e-3  # metres: a point of the body on the border of two sectors may count to either
 OUTPUTS = ("V", "h_next", "V_prev_next")
 
 
@@ -62,7 +62,7 @@ def check_graphs(
     frame_graph: bytes,
     *,
     attach_graph: bytes | None = None,
-    swing_graph: bytes | None = None,
+    column_rnn_graph: bytes | None = None,
 ) -> dict[str, float]:
     """Return the graphs' largest departures from JAX and the host over the subject's motion.
 
@@ -75,10 +75,10 @@ def check_graphs(
     }
     if attach_graph is not None:
         found["attach"] = _attach_departure(subject, attach_graph)
-    if swing_graph is not None:
-        found["swing"] = _swing_departure(subject, detail, start_graph, swing_graph)
+    if column_rnn_graph is not None:
+        found["column_rnn"] = _column_rnn_departure(subject, detail, start_graph, column_rnn_graph)
     for name, value in found.items():
-        allowed = SWING_TOLERANCE if name == "swing" else TOLERANCE
+        allowed = COLUMN_RNN_TOLERANCE if name == "column_rnn" else TOLERANCE
         if not value < allowed:
             raise ValueError(
                 f"the {name} graph departs from JAX by {value:.3g}, {allowed:g} is allowed; nothing was "
@@ -107,7 +107,7 @@ def _frame_departure(subject: StepSubject, graph: bytes) -> float:
     return worst
 
 
-def _swing_departure(subject: StepSubject, detail: bool, start_graph: bytes, graph: bytes) -> float:
+def _column_rnn_departure(subject: StepSubject, detail: bool, start_graph: bytes, graph: bytes) -> float:
     """The codes' frames corrected by the graph, from the skeleton alone, and by the package."""
     model, template = subject.model, subject.template
     inputs, state = first_state(subject)
@@ -116,12 +116,14 @@ def _swing_departure(subject: StepSubject, detail: bool, start_graph: bytes, gra
         np.asarray(run(model.params, s, inputs.x)[1]) for s in (RolloutState(state.codes), state)
     )
     R, root = (np.asarray(leaf, np.float32) for leaf in subject.motion[:2])
-    swing = open_graph(start_graph).run(["swing"], {"rotations": R[0]})[0]
+    column_rnn = open_graph(start_graph).run(["column_rnn"], {"rotations": R[0]})[0]
     session, worst = open_graph(graph), 0.0
     for t in range(len(R)):
         before = max(t - 1, 0)
         given = {"rotations": R[t], "root": root[t], "rotations_prev": R[before], "root_prev": root[before]}
-        V, swing = session.run(["V_swung", "swing_next"], {"V": codes[t], "swing": swing, **given})
+        V, column_rnn = session.run(
+            ["V_corrected", "column_rnn_next"], {"V": codes[t], "column_rnn": column_rnn, **given}
+        )
         worst = max(worst, float(np.abs(V - expected[t]).max()))
     return worst
 

@@ -1,8 +1,8 @@
 """A trained model becomes a few ONNX graphs, which engines run frame by frame (see docs/onnx.md).
 
 `NAME.onnx` is the causal step, `NAME.start.onnx` the first state from a skeleton's pose, `NAME.frame.onnx`
-the step's inputs from the skeleton of this frame and of the last, `NAME.swing.onnx` corrects the step's
-garment where the model has a swing, `NAME.attach.onnx` brings a pinned garment to its pins.
+the step's inputs from the skeleton of this frame and of the last, `NAME.column_rnn.onnx` corrects the step's
+garment where the model has a column RNN, `NAME.attach.onnx` brings a pinned garment to its pins.
 """
 
 import json
@@ -15,17 +15,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.body.motion_features import chosen_joints, feature_names
+from garment_jax.export.column_rnn_functions import begun, flat, length
 from garment_jax.export.host_functions import first_frame, frame_input
 from garment_jax.export.onnx_check import check_graphs
 from garment_jax.export.onnx_graph import PRODUCER, Port, check_opset, to_onnx
 from garment_jax.export.step_subject import (
     StepSubject,
+    column_rnn_function,
     frame_fields,
     load_subject,
     step_function,
-    swing_function,
 )
-from garment_jax.export.swing_functions import begun, flat, length
 from garment_jax.geometry.skinning import softmax_weights
 from garment_jax.io.overwrite_checks import check_own
 from garment_jax.postprocess.pins import follow, pin_extension
@@ -33,7 +33,7 @@ from garment_jax.storage.whole import written_whole
 
 SCHEMA = "garment_jax-step-1"
 OPSET = 17  # the newest that onnxruntime 1.12 (2022) and the hosts built on it load
-_MAYBE = ("attach", "swing")  # graphs that not every model has
+_MAYBE = ("attach", "column_rnn")  # graphs that not every model has
 _BESIDE = ("start", "frame", *_MAYBE)
 CHECKED_FRAMES = 20  # of the clip, run by onnxruntime and by JAX
 
@@ -73,7 +73,7 @@ def export_step(
         out.with_suffix(".frame.onnx"): _frame_graph(subject, opset),
     }
     if subject.template.ring is not None:
-        graphs[out.with_suffix(".swing.onnx")] = _swing_graph(subject, opset)
+        graphs[out.with_suffix(".column_rnn.onnx")] = _column_rnn_graph(subject, opset)
     if subject.scene.pins is not None:
         graphs[out.with_suffix(".attach.onnx")] = _attach_graph(subject, subject.scene.pins.vertices, opset)
     serial = {path: graph.SerializeToString() for path, graph in graphs.items()}
@@ -142,11 +142,11 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
         # a template carried by the joints is unposed the template
         unposed = subject.template.W is not None
         V = jnp.asarray(T) if unposed else first_frame(subject.scene, subject.seeds, T, W, rotations)
-        swing = () if ring is None else (flat(begun(subject.scene, ring, config.swing, rotations)),)
-        return jnp.zeros(config.motion.gru), V, *swing
+        column_rnn = () if ring is None else (flat(begun(subject.scene, ring, config.column_rnn, rotations)),)
+        return jnp.zeros(config.motion.gru), V, *column_rnn
 
     outputs = [("h", "zeros"), ("V_prev", "the template carried by the body, metres, root frame")]
-    outputs += [] if ring is None else [("swing", "state of the swing: the template hangs still")]
+    outputs += [] if ring is None else [("column_rnn", "state of the column RNN: the template hangs still")]
     properties = _properties(subject)
     return to_onnx(run, _skeleton(subject)[:1], outputs, name="start", opset=opset, metadata=properties)
 
@@ -168,18 +168,23 @@ def _frame_graph(subject: StepSubject, opset: int) -> Any:
     return to_onnx(run, _skeleton(subject), outputs, name="frame", opset=opset, metadata=properties)
 
 
-def _swing_graph(subject: StepSubject, opset: int) -> Any:
+def _column_rnn_graph(subject: StepSubject, opset: int) -> Any:
     ring = subject.template.ring
     assert ring is not None
-    n, size = len(subject.template.T), length(ring, subject.model.config.swing)
+    n, size = len(subject.template.T), length(ring, subject.model.config.column_rnn)
     inputs = [
         Port("V", (n, 3), "of the step, metres, root frame"),
-        Port("swing", (size,), "state of the swing, of the last frame"),
+        Port("column_rnn", (size,), "state of the column RNN, of the last frame"),
         *_skeleton(subject),
     ]
-    outputs = [("V_swung", "V corrected, metres, root frame"), ("swing_next", "swing of the next frame")]
+    outputs = [
+        ("V_corrected", "V corrected, metres, root frame"),
+        ("column_rnn_next", "state of the column RNN, of the next frame"),
+    ]
     properties = _properties(subject)
-    return to_onnx(swing_function(subject), inputs, outputs, name="swing", opset=opset, metadata=properties)
+    return to_onnx(
+        column_rnn_function(subject), inputs, outputs, name="column_rnn", opset=opset, metadata=properties
+    )
 
 
 def _attach_graph(subject: StepSubject, pins: np.ndarray, opset: int) -> Any:

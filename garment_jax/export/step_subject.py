@@ -10,7 +10,7 @@ import numpy as np
 from garment_jax.body.seeds import Seeds
 from garment_jax.dataset.motion_input import MotionInput
 from garment_jax.dataset.template import Template
-from garment_jax.export.swing_functions import flat, swung, unflat
+from garment_jax.export.column_rnn_functions import corrected, flat, unflat
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.compose import RolloutState, init_state, step
 from garment_jax.model.misfit import check_parameters
@@ -49,7 +49,7 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
 def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     """Return (h, V_prev, *fields of the frame) -> (V, h, V_prev of the next step), parameters inside.
 
-    The codes' alone: the swing is a graph of its own (`swing_function`).
+    The codes' alone: the column RNN is a graph of its own (`column_rnn_function`).
     """
     names = frame_fields(subject)
     features = np.zeros(len(subject.template.statistics.motion_mean), np.float32)
@@ -69,14 +69,16 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     return run
 
 
-def swing_function(subject: StepSubject) -> Callable[..., tuple]:
-    """Return (V, swing, rotations, root, both of the last frame) -> (V, swing), parameters inside."""
+def column_rnn_function(subject: StepSubject) -> Callable[..., tuple]:
+    """Return (V, state, rotations, root, both of the last frame) -> (V, state), parameters inside."""
     model, ring = subject.model, subject.template.ring
     assert ring is not None
 
-    def run(V: jax.Array, swing: jax.Array, *skeletons: jax.Array):
-        state = unflat(swing, ring, model.config.swing)
-        V, state = swung(model.params["swing"], subject.scene, ring, model.config, V, state, *skeletons)
+    def run(V: jax.Array, column_rnn: jax.Array, *skeletons: jax.Array):
+        state = unflat(column_rnn, ring, model.config.column_rnn)
+        V, state = corrected(
+            model.params["column_rnn"], subject.scene, ring, model.config, V, state, *skeletons
+        )
         return V, flat(state)
 
     return run

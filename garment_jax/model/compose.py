@@ -11,14 +11,14 @@ from garment_jax.dataset.template import Template
 from garment_jax.model.generative.canonical import posed
 from garment_jax.model.generative.network import decode
 from garment_jax.model.motion.network import MotionCarry, clamped, last_frame, motion_code, motion_gates
-from garment_jax.structs import FrameInput, SwingCarry
+from garment_jax.structs import ColumnCarry, FrameInput
 
 
 class RolloutState(NamedTuple):
     """What a rollout carries from frame to frame."""
 
     codes: MotionCarry
-    swing: SwingCarry | None = None  # of the swing's ring; None: codes alone
+    column_rnn: ColumnCarry | None = None  # of the column RNN's ring; None: codes alone
 
 
 def init_state(
@@ -28,15 +28,15 @@ def init_state(
 
     `V_start` (metres, root frame of the first frame) is the skinned template (`skinned_template`) or a
     frame that the user gives, which a model in canonical pose wants unposed (`generative.canonical`).
-    The swing, where `params` and `template` (`template_for`) have one, begins from the template at rest.
+    The column RNN, where `params` and `template` (`template_for`) have one, begins from the template at rest.
     """
     lanes = V_start.shape[:-2]
     codes = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
-    if template.ring is None or "swing" not in params:
+    if template.ring is None or "column_rnn" not in params:
         return RolloutState(codes)
     from garment_jax.model.column_rnn.network import at_rest  # a part that is off is not even imported
 
-    return RolloutState(codes, at_rest(template.ring, lanes, config=config.swing))
+    return RolloutState(codes, at_rest(template.ring, lanes, config=config.column_rnn))
 
 
 def motion_step(
@@ -76,19 +76,19 @@ def step(
 ) -> tuple[RolloutState, Float[Array, "*b n 3"]]:
     """Return the next state and the garment of this frame, metres, root frame; nothing from the future.
 
-    `params` holds "generative", "motion" and, unless `detail` is off, "detail"; where `state` has a swing,
-    "swing" too, and `x` is from `model_input` (`ValueError` if not). Leading axes `*b` of `state` and `x`
-    are motions side by side.
+    `params` holds "generative", "motion" and, unless `detail` is off, "detail"; where `state` has a column
+    RNN, "column_rnn" too, and `x` is from `model_input` (`ValueError` if not). Leading axes `*b` of `state`
+    and `x` are motions side by side.
     """
     gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
     codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
     V = detail_and_pose(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
-    if state.swing is None:
+    if state.column_rnn is None:
         return RolloutState(codes), V
-    from garment_jax.model.column_rnn.rollout import swing_frame
+    from garment_jax.model.column_rnn.rollout import column_frame
 
-    swing, V = swing_frame(params, state.swing, x, V, template=template, config=config)
-    return RolloutState(codes, swing), V
+    column_rnn, V = column_frame(params, state.column_rnn, x, V, template=template, config=config)
+    return RolloutState(codes, column_rnn), V
 
 
 def detail_and_pose(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from garment_jax.config import network_keys
+from garment_jax.config import current_names, network_keys
 from garment_jax.io.formats.npz import npz_shapes
 from garment_jax.storage.lock import locked
 from garment_jax.storage.scratch import scratch
@@ -76,7 +76,7 @@ def check_together(facts: Mapping[str, Any], config: Mapping[str, Any], paramete
 
     `config` as `to_dict` has it; models that are older say nothing of either, and pass.
     """
-    for name, keys in facts.get("shaping", {}).items():
+    for name, keys in current_names(facts.get("shaping", {})).items():
         for key, value in keys.items():
             found = config.get(name, {}).get(key, value)  # keys that are gone shape nothing
             if found != value:

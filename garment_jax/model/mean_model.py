@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.model.store import Model, without_swing
+from garment_jax.model.store import Model, without_column_rnn
 
 
 def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
     """Return a model with the mean of all parameters and the first one's configuration.
 
-    The swing is the first one's: two that began afresh have nothing in common. For models that were trained
-    on from one (`training.begin_from`), and that one: the mean may err by less
+    The column RNN is the first one's: two that began afresh have nothing in common. For models that were
+    trained on from one (`training.begin_from`), and that one: the mean may err by less
     than each on what none has seen (Wortsman et al. 2022, "Model soups"; not in the paper). Measure it on
     clips kept back. Of models that began apart it is no model at all. Raises `ValueError`,
     with the names, for models of different garments, frame rates or statistics, which have no common
@@ -21,7 +21,7 @@ def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
     """
 
     def codes(model: Model) -> dict:
-        return without_swing(model).params
+        return without_column_rnn(model).params
 
     first = models[0]
     for model, name in zip(models[1:], names[1:], strict=True):

@@ -44,10 +44,10 @@ def _wanted(model: Model, template: Template) -> dict[str, Any]:
         from garment_jax.model.detail.network import init_detail
 
         made["detail"] = lambda: init_detail(key, template, config=c.detail, generative=c.generative)
-    if "swing" in model.params:
-        from garment_jax.model.column_rnn.network import init_swing
+    if "column_rnn" in model.params:
+        from garment_jax.model.column_rnn.network import init_column_rnn
 
-        made["swing"] = lambda: init_swing(key, config=c.swing)
+        made["column_rnn"] = lambda: init_column_rnn(key, config=c.column_rnn)
     return {part: jax.eval_shape(make) for part, make in made.items()}
 
 

@@ -28,8 +28,8 @@ def rollout(
     """Return the state after `t` frames and every frame's garment, metres, root frames.
 
     Leaves of `x` are `[t, *b, ...]`. What does not depend on the carry runs for all frames at once: the
-    motion's gates before the scan and, since it is not fed back, detail after it. A swing that `state` has
-    is rolled out beside the codes, which never see it, and corrects their frames. Raises as `step`.
+    motion's gates before the scan and, since it is not fed back, detail after it. A column RNN that `state`
+    has is rolled out beside the codes, which never see it, and corrects their frames. Raises as `step`.
     """
     codes, Z, V = latent_rollout(params, state.codes, x, template=template, config=config)
 
@@ -38,12 +38,12 @@ def rollout(
 
     # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
     V = jax.lax.map(finished, (V, Z, x))
-    if state.swing is None:
+    if state.column_rnn is None:
         return RolloutState(codes), V
-    from garment_jax.model.column_rnn.rollout import swing_frames_of
+    from garment_jax.model.column_rnn.rollout import column_frames_of
 
-    swing, V = swing_frames_of(params, state.swing, x, V, template=template, config=config)
-    return RolloutState(codes, swing), V
+    column_rnn, V = column_frames_of(params, state.column_rnn, x, V, template=template, config=config)
+    return RolloutState(codes, column_rnn), V
 
 
 def latent_rollout(

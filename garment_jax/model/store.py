@@ -11,7 +11,7 @@ import numpy as np
 from flax.traverse_util import flatten_dict, unflatten_dict
 
 from garment_jax.body.seeds import Seeds, make_seeds
-from garment_jax.config import Config, from_dict, load_config, to_dict, to_toml
+from garment_jax.config import Config, current, from_dict, load_config, to_dict, to_toml
 from garment_jax.dataset.motion_input import MotionInput, motion_input
 from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import SeenBody, Statistics, Template, read_seen_body, scene_template
@@ -43,12 +43,12 @@ class Model(NamedTuple):
     """Trained parameters and what describes them; body, collider and pins come with the clip."""
 
     config: Config
-    params: dict  # "generative", "motion" and perhaps "detail" and "swing"
+    params: dict  # "generative", "motion" and perhaps "detail" and "column_rnn"
     statistics: Statistics
     garment_hash: str
     vertices: int
     fps: float
-    seen: SeenBody | None = None  # of the swing; None: the collider of the clip, as before there was this
+    seen: SeenBody | None = None  # of the column RNN; None: the clip's collider, as before there was this
     garment: Garment | None = None  # trained on; None: only its hash is known
 
 
@@ -75,9 +75,9 @@ def check_rate(model: Model | ModelFacts, motion: Motion, name: str) -> None:
         )
 
 
-def without_swing(model: Model) -> Model:
-    """Return the model that moves by its codes alone, the paper's way; itself where it has no swing."""
-    return model._replace(params={k: v for k, v in model.params.items() if k != "swing"})
+def without_column_rnn(model: Model) -> Model:
+    """Return the model that moves by its codes alone, the paper's way; itself where it has no column RNN."""
+    return model._replace(params={k: v for k, v in model.params.items() if k != "column_rnn"})
 
 
 def garment_misfit(model: Model, garment: Garment) -> str:
@@ -104,7 +104,7 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
     """Return the static tables of `scene` for `model`.
 
     Raises `ValueError` when the scene's garment is not the one that the model was trained on, or hangs on no
-    pins, which a swing needs (`without_swing` has none).
+    pins, which a column RNN needs (`without_column_rnn` has none).
     """
     n = len(scene.garment.template)
     if n != model.vertices:
@@ -115,20 +115,21 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
     if misfit := garment_misfit(model, scene.garment):
         raise ValueError(f"{name} has another garment than the model was trained on: {misfit}")
     template = scene_template(scene, model.statistics, model.config)
-    if "swing" in model.params and model.config.rollout.swing:
+    if "column_rnn" in model.params and model.config.rollout.column_rnn:
         from garment_jax.model.column_rnn.tables import (
-            make_swing_tables,  # a part that is off is not even imported
+            make_column_tables,  # a part that is off is not even imported
         )
 
         known = model.seen is not None and model.seen.mesh == mesh_hash(scene.body)
         seen = model.seen if known else None  # numbers of another body's vertices would say nothing
         try:
-            ring = make_swing_tables(scene, config=model.config.swing, seen=seen)
+            ring = make_column_tables(scene, config=model.config.column_rnn, seen=seen)
             template = template._replace(ring=ring)
         except ValueError as error:
             raise ValueError(
-                f"{name} has a garment with parts that hang on no pin, and the model's swing needs pins; "
-                "give a clip with them, or leave it out (infer.py --no-swing, animation.without_swing)."
+                f"{name} has a garment with parts that hang on no pin, and the model's column RNN needs "
+                "pins; give a clip with them, or leave it out (infer.py --no-column-rnn, "
+                "animation.without_column_rnn)."
             ) from error
     return template, make_seeds(scene, model.config.body.seeds)
 
@@ -141,10 +142,10 @@ def model_input(model: Model, scene: Scene, template: Template, seeds: Seeds, mo
     inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     if template.ring is None:
         return inputs
-    from garment_jax.model.column_rnn.motion import swing_frames
+    from garment_jax.model.column_rnn.motion import column_frames
 
-    frames = swing_frames(motion, scene, template.ring)
-    return inputs._replace(x=inputs.x._replace(swing=frames))
+    frames = column_frames(motion, scene, template.ring)
+    return inputs._replace(x=inputs.x._replace(column_rnn=frames))
 
 
 def skinned_template(
@@ -222,7 +223,10 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
     skipped = tuple(f"{name}/" for name in leave_out)
     with _damaged(folder):
         path = Path(folder) / "parameters.npz"
-        arrays = read_npz(path, [name for name in npz_names(path) if not name.startswith(skipped)])
+        wanted = {_present(name): name for name in npz_names(path)}
+        wanted = {name: stored for name, stored in wanted.items() if not name.startswith(skipped)}
+        found = read_npz(path, list(wanted.values()))
+        arrays = {name: found[stored] for name, stored in wanted.items()}
         for name, array in arrays.items():
             _check_numbers(name, array)
         statistics = Statistics(*(arrays.pop(f"statistics/{name}") for name in Statistics._fields))
@@ -232,6 +236,12 @@ def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
         placed = {name: jax.device_put(np.asarray(x, np.float32)) for name, x in arrays.items()}
         params = unflatten_dict(placed, sep="/")
         return Model(config, params, statistics, *described, garment=read_own_garment(folder))
+
+
+def _present(name: str) -> str:
+    """Return the name of a stored array, whose part may have had another name when it was stored."""
+    part, slash, rest = name.partition("/")
+    return current(part) + slash + rest
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
@@ -252,7 +262,9 @@ def model_facts(folder: str | Path) -> ModelFacts:
     """Return what a saved model says about itself, its parameters unread; raises as `load_model`."""
     config, facts = _described(Path(folder))
     with _damaged(folder):
-        parts = {name.split("/")[0] for name in npz_names(Path(folder) / "parameters.npz")} - {"statistics"}
+        parts = {_present(name).split("/")[0] for name in npz_names(Path(folder) / "parameters.npz")} - {
+            "statistics"
+        }
         return ModelFacts(config, frozenset(parts), facts["vertices"], facts["fps"])
 
 

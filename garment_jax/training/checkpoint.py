@@ -28,6 +28,7 @@ import orbax.checkpoint as ocp
 from flax.traverse_util import unflatten_dict
 from jax.tree_util import keystr, tree_flatten_with_path
 
+from garment_jax.config import former
 from garment_jax.storage.scratch import scratch
 from garment_jax.storage.whole import sync, write_text
 from garment_jax.training.run_directory import CHECKPOINTS
@@ -48,6 +49,8 @@ class Checkpointer:
         self, run_dir: str | Path, stage: str, *, metadata: Mapping[str, Any] | None = None, keep: int = 2
     ) -> None:
         self.folder = Path(run_dir) / FOLDER / stage
+        older = Path(run_dir) / FOLDER / (former(stage) or stage)  # of a run from before the stage's name
+        self.folder = older if older.is_dir() and not self.folder.is_dir() else self.folder
         self._metadata, self._keep = dict(metadata or {}), keep
         self._faults: dict[int, str] = {}  # of the checkpoints looked at, "" for none
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 
-from garment_jax.config import Config, to_dict
+from garment_jax.config import Config, current, current_names, to_dict
 from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
@@ -28,25 +28,26 @@ def train(
     go together, and `OSError` where another process trains there.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
-    from garment_jax.model.column_rnn.tables import hangs_on_pins, make_swing_tables
+    from garment_jax.model.column_rnn.tables import hangs_on_pins, make_column_tables
+    from garment_jax.training.column_rnn_stage import train_column_rnn
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
     from garment_jax.training.run import is_complete, open_run, say
     from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
-    from garment_jax.training.swing_stage import train_swing
 
+    stage = current(stage)
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
-    if stage == "swing" and not config.swing.steps:
-        raise ValueError("swing.steps = 0 leaves the swing out; give --swing.steps a number.")
+    if stage == "column_rnn" and not config.column_rnn.steps:
+        raise ValueError("column_rnn.steps = 0 leaves the column RNN out; give --column_rnn.steps a number.")
     _check_steps(config, stage)
-    last = STAGES.index("swing" if stage == "all" else stage)
+    last = STAGES.index("column_rnn" if stage == "all" else stage)
     if stage in STAGES[:3]:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
 
     steps = _steps_by_stage(config, stage)
-    windows = {name: getattr(config, name).window for name in ("motion", "swing") if name in steps}
+    windows = {name: getattr(config, name).window for name in ("motion", "column_rnn") if name in steps}
 
     def check(data: DataSet) -> None:  # what would be refused after hours
         if config.simulation.clips:
@@ -54,8 +55,8 @@ def train(
         else:
             for name, window in windows.items():
                 check_window([len(clip.V) for clip in data.train], window, name)
-        if stage == "swing":
-            make_swing_tables(data.scene, config=config.swing)
+        if stage == "column_rnn":
+            make_column_tables(data.scene, config=config.column_rnn)
 
     with run_lock(run_dir):
         run = open_run(
@@ -69,7 +70,7 @@ def train(
         with run.log:
             if config.simulation.clips:
                 if not hangs_on_pins(run.data.scene):
-                    steps.pop("swing", None)
+                    steps.pop("column_rnn", None)
                 left = {name for name, count in steps.items() if not is_complete(run, name, count)}
                 if not left:
                     say(f"{', '.join(steps)}: complete, nothing to do")
@@ -78,29 +79,29 @@ def train(
                     data=with_simulated_clips(
                         run.data,
                         config,
-                        posed=stage != "swing",
+                        posed=stage != "column_rnn",
                         unposed="generative" in left,
                         windows=windows,
                         say=say,
                     )
                 )
-            if stage != "swing":  # which needs none of the others
+            if stage != "column_rnn":  # which needs none of the others
                 generative = train_generative(run)
                 if last >= 1:
                     motion = train_motion(run, generative)
                     if last >= 2 and config.detail.steps:
                         train_detail(run, generative, motion)
-            if last >= 3 and config.swing.steps:
-                if stage == "swing" or hangs_on_pins(run.data.scene):
-                    train_swing(run)
+            if last >= 3 and config.column_rnn.steps:
+                if stage == "column_rnn" or hangs_on_pins(run.data.scene):
+                    train_column_rnn(run)
                 else:
-                    say("swing: left out, since parts of this garment hang on no pin")
+                    say("column_rnn: left out, since parts of this garment hang on no pin")
     return run.folder
 
 
 def _check_steps(config: Config, stage: str) -> None:
     """Check that a stage without steps has its parameters from somewhere else."""
-    if stage == "swing" or config.training.begin_from:
+    if stage == "column_rnn" or config.training.begin_from:
         return
     warm = config.motion.warm_up_steps and config.generative.linear_skip
     for name, steps in (("generative", config.generative.steps), ("motion", config.motion.steps or warm)):
@@ -136,7 +137,7 @@ def _steps_of(stage: str, config: dict[str, Any]) -> int:
 def trained_model(path: str | Path) -> Model:
     """Return the model in a run's folder (its newest checkpoints) or in a saved model's folder.
 
-    A run that trained the swing alone, beside a model (`training.begin_from`), is that model with this swing;
+    A run that trained the column RNN alone, beside a model (`training.begin_from`), is that model with it;
     a stage of no steps is that model's. Raises `ValueError` for a run that lacks a stage, or whose beginning
     is no longer what it was.
     """
@@ -151,15 +152,16 @@ def trained_model(path: str | Path) -> Model:
         saved = Checkpointer(path, stage)
         if saved.latest() is not None:
             found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
+            metadata["config"] = current_names(metadata["config"])
             from_metadata(metadata, {}, saved.folder)  # sound, for what is read of it below
     early = Checkpointer(path, "warm_up")
     if "motion" not in found and early.latest() is not None:
         found["motion"] = early.tree("params")
     beginning = metadata["config"]["training"]["begin_from"] if found else ""
-    if set(found) == {"swing"} and beginning:
+    if set(found) == {"column_rnn"} and beginning:
         codes = pretrained_model(beginning, path)
         found = codes.params | found
-        own = ("swing", "simulation", "rollout", "collision", "training")
+        own = ("column_rnn", "simulation", "rollout", "collision", "training")
         mine = {k: metadata["config"][k] for k in own if k in metadata["config"]}
         metadata["config"] = to_dict(codes.config) | mine  # its [data] too: mirrored clips pose the codes
     for stage in ("generative", "motion"):

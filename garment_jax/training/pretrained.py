@@ -14,7 +14,7 @@ from garment_jax.model.store import Model, garment_misfit, load_model, model_fac
 from garment_jax.structs import Garment
 from garment_jax.training.run_directory import run_facts
 
-PARTS = ("generative", "motion", "detail", "swing")
+PARTS = ("generative", "motion", "detail", "column_rnn")
 
 
 class Beginning(NamedTuple):
@@ -22,15 +22,15 @@ class Beginning(NamedTuple):
 
     statistics: Statistics  # that it normalises by: its parameters mean nothing by other numbers
     digest: str  # of its parameters, by which a run knows it again
-    other_ring: str  # as `other_ring` has it, where the run trains a swing
+    other_ring: str  # as `other_ring` has it, where the run trains a column RNN
 
 
 def find_beginning(config: Config, garment: Garment, fps: float) -> Beginning | None:
     """Return the model `training.begin_from`, or None where that is empty.
 
     Raises `FileNotFoundError` or `ValueError` for a folder without a model, and `ValueError` for a model
-    of another garment than `garment`, of another frame rate, of other networks or motion
-    features, or without a stage that is to be trained. A swing of other sizes, or none, is no error.
+    of another garment than `garment`, of another frame rate, of other networks or motion features, or
+    without a stage that is to be trained. A column RNN of other sizes, or none, is no error.
     """
     folder = config.training.begin_from
     if not folder:
@@ -43,7 +43,7 @@ def find_beginning(config: Config, garment: Garment, fps: float) -> Beginning | 
     stages = [name for name in PARTS[:3] if name != "detail" or config.detail.steps]
     if config.generative.skin_reach:  # the weights of the canonical pose are then those of both sides
         pairs.append(("data.mirror", there["data"]["mirror"], here["data"]["mirror"]))
-    for section in ("body", "uv", *stages):  # another swing begins afresh, see `other_ring`
+    for section in ("body", "uv", *stages):  # another column RNN begins afresh, see `other_ring`
         pairs += [(f"{section}.{key}", there[section][key], here[section][key]) for key in SHAPING[section]]
     for name, theirs, ours in pairs:
         if theirs != ours:
@@ -57,7 +57,7 @@ def find_beginning(config: Config, garment: Garment, fps: float) -> Beginning | 
                 f"training.begin_from: the model in {folder} has no {stage} stage; begin afresh"
                 f"{', or set detail.steps = 0' if stage == 'detail' else ''}."
             )
-    ring = other_ring(folder, config) if config.swing.steps and "swing" in parts else ""
+    ring = other_ring(folder, config) if config.column_rnn.steps and "column_rnn" in parts else ""
     return Beginning(model.statistics, _digest(folder), ring)
 
 
@@ -85,12 +85,12 @@ def has_part(folder: str, part: str) -> bool:
 
 
 def other_ring(folder: str, config: Config) -> str:
-    """Return how the swing of the saved model in `folder` is made otherwise than `config`'s, in words.
+    """Return how the column RNN of the saved model in `folder` is made otherwise than `config`'s, in words.
 
     Empty where both are alike: then training goes on from it.
     """
-    theirs, ours = load_model(folder, leave_out=PARTS).config.swing, config.swing
-    pairs = [(key, getattr(theirs, key), getattr(ours, key)) for key in SHAPING["swing"]]
+    theirs, ours = load_model(folder, leave_out=PARTS).config.column_rnn, config.column_rnn
+    pairs = [(key, getattr(theirs, key), getattr(ours, key)) for key in SHAPING["column_rnn"]]
     return ", ".join(f"{key} {there}, not {here}" for key, there, here in pairs if there != here)
 
 
@@ -102,8 +102,8 @@ def pretrained_model(folder: str, run_dir: Path) -> Model:
     wanted = run_facts(run_dir).get("begin_from")
     if not (Path(folder) / "parameters.npz").is_file() or _digest(folder) != wanted:
         raise ValueError(
-            f"{run_dir} trained the swing alone, beside the model in {folder}, and that is no longer there; "
-            "put it back, or train the other stages, too."
+            f"{run_dir} trained the column RNN alone, beside the model in {folder}, and that is no longer "
+            "there; put it back, or train the other stages, too."
         )
     return load_model(folder)
 

@@ -64,8 +64,8 @@ def open_run(
         facts["begin_from"] = beginning.digest
         if beginning.other_ring and not (folder / FACTS_NAME).is_file():
             say(
-                f"swing: begins afresh, for that of {config.training.begin_from} has {beginning.other_ring}; "
-                "to go on from it take the [swing] values of its config.toml"
+                f"column_rnn: begins afresh, for that of {config.training.begin_from} has "
+                f"{beginning.other_ring}; to go on from it take the [column_rnn] values of its config.toml"
             )
     check_run(folder, config, facts=facts)  # before another run's cache is written into
     data = prepare(data_dir, config, folder / "cache", unposed=unposed)
@@ -92,7 +92,7 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
         "fps": run.data.fps,
         "statistics": statistics,
     }
-    if stage == "swing":
+    if stage == "column_rnn":
         from garment_jax.model.column_rnn.tables import seen_body
 
         metadata["seen"] = seen_body(run.data.scene).described()

@@ -10,7 +10,7 @@ from garment_jax.config import Config, differences, load_config, to_dict, to_tom
 from garment_jax.storage.lock import locked
 from garment_jax.storage.whole import write_text
 
-STAGES = ("generative", "motion", "detail", "swing")
+STAGES = ("generative", "motion", "detail", "column_rnn")
 CHECKPOINTS = "checkpoints"  # folder inside a run
 CONFIG_NAME = "config.toml"
 FACTS_NAME = "facts.json"

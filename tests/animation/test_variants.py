@@ -129,7 +129,9 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
         stored_variants(tmp_path)
     old = {**row, "settings": {"detail": True, "dynamics": True}}
     (tmp_path / FILE).write_text(json.dumps({"variants": [old], "detail_mm": 0.3}))
-    with pytest.raises(ValueError, match=r"before models had a swing \('whole'\); run garment-jax variants"):
+    with pytest.raises(
+        ValueError, match=r"before models had a column RNN \('whole'\); run garment-jax variants"
+    ):
         stored_variants(tmp_path)
     (tmp_path / FILE).write_text('{"variants": [{}]}')
     with pytest.raises(ValueError, match=r"variants.json is damaged .*run garment-jax variants"):
@@ -143,7 +145,7 @@ def test_stored_variants_are_read_or_refused(tmp_path: Path):
         ({"ms": float("nan")}, "ms = nan"),
         ({"ms": 10**400}, "ms = 1"),
         ({"name": ["whole"]}, r"name = \['whole'\]"),
-        ({"settings": Variant()._asdict() | {"swing": 1}}, "swing = 1"),
+        ({"settings": Variant()._asdict() | {"column_rnn": 1}}, "column_rnn = 1"),
         ({"settings": Variant()._asdict() | {"rank": 2.5}}, r"rank = 2\.5"),
         ({"settings": Variant()._asdict() | {"last_layers": "int8"}}, "last_layers = 'int8'"),
     ],

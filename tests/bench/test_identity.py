@@ -27,17 +27,17 @@ def changed(**sections: dict) -> Config:
         ({"rollout": {"chunk": 8}}, True),
         ({"training": {"checkpoint_seconds": 1.0}}, True),
         ({"baselines": {"pan_steps": 3}}, True),
-        ({"swing": {"hidden": 2}}, True),  # a stage of no steps
-        ({"swing": {"steps": 2000}}, False),
+        ({"column_rnn": {"hidden": 2}}, True),  # a stage of no steps
+        ({"column_rnn": {"steps": 2000}}, False),
     ],
 )
 def test_a_run_of_ours_is_named_by_what_it_learns(sections: dict, same: bool) -> None:
     assert (run_name("ours", changed(**sections), "d") == run_name("ours", CONFIG, "d")) is same
 
 
-def test_swings_are_another_run_each() -> None:
+def test_column_rnns_are_another_run_each() -> None:
     names = {
-        run_name("ours", changed(swing={"steps": steps, "hidden": hidden}), "d")
+        run_name("ours", changed(column_rnn={"steps": steps, "hidden": hidden}), "d")
         for steps in (2000, 9000)
         for hidden in (2, 3)
     }

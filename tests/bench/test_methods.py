@@ -12,11 +12,11 @@ from garment_jax.bench.settings import Row
 from garment_jax.body.garment_skinning import garment_transforms
 from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.model.generative.network import decode, encode
-from garment_jax.model.store import Model, without_swing
+from garment_jax.model.store import Model, without_column_rnn
 from tests.animation.tiny_model import SCENE, canonical_model, template, tiny_model
 from tests.reference import skinning
 from tests.reference.scene import make_motion, make_vertices
-from tests.reference.tiny_swing import swinging_model
+from tests.reference.tiny_column_rnn import column_rnn_model
 
 MOTION = make_motion(SCENE, 5, legs=1.9)
 
@@ -46,11 +46,11 @@ def test_a_reconstruction_is_encoded_and_decoded_in_the_networks_frame(model: Mo
     np.testing.assert_allclose(reconstructed(model, SCENE, MOTION, V, "a clip"), slowly(model, V), atol=2e-4)
 
 
-@pytest.mark.parametrize("swings", [False, True])
-def test_clips_batches_and_streams_have_the_swing_in_them(
-    swings: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("has_column_rnn", [False, True])
+def test_clips_batches_and_streams_have_the_column_rnn_in_them(
+    has_column_rnn: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    model = swinging_model() if swings else tiny_model()
+    model = column_rnn_model() if has_column_rnn else tiny_model()
 
     def rolled(model: Model) -> tuple[np.ndarray, ...]:
         monkeypatch.setattr(methods, "trained_model", lambda run: model)
@@ -68,5 +68,5 @@ def test_clips_batches_and_streams_have_the_swing_in_them(
         np.testing.assert_allclose(batch[1], np.stack(frames), atol=1e-5)
         return clip, batch[1]
 
-    for found, codes in zip(rolled(model), rolled(without_swing(model)), strict=True):
-        assert (np.abs(found - codes).max() > 1e-3) == swings
+    for found, codes in zip(rolled(model), rolled(without_column_rnn(model)), strict=True):
+        assert (np.abs(found - codes).max() > 1e-3) == has_column_rnn

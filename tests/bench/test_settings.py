@@ -16,7 +16,7 @@ from garment_jax.bench.settings import (
     row_config,
     scaled,
 )
-from garment_jax.config import Config, SwingConfig
+from garment_jax.config import ColumnRnnConfig, Config
 from tests.bench.made import TEXT, write_benchmark
 
 ROOT = Path(__file__).parents[2]
@@ -38,8 +38,10 @@ def test_length_and_rate_scale_steps_and_rates_and_nothing_else() -> None:
     assert config.detail.learning_rate == pytest.approx(6e-4)
     assert config.training == Config().training  # final_rate is a part, not a rate
     assert scaled(Config(), length=1e-9).detail.steps == 1
-    swing = scaled(replace(Config(), swing=SwingConfig(steps=40)), length=0.5, rate=3.0).swing
-    assert swing == SwingConfig(steps=20)
+    column_rnn = scaled(
+        replace(Config(), column_rnn=ColumnRnnConfig(steps=40)), length=0.5, rate=3.0
+    ).column_rnn
+    assert column_rnn == ColumnRnnConfig(steps=20)
 
 
 def test_no_steps_stay_none() -> None:

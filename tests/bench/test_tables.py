@@ -61,30 +61,32 @@ def test_previous_state_by_clip_and_length(tmp_path: Path) -> None:
     assert rows["ours & all, tango_2, without"] == ["3.000", "–"]  # 10 frames are no 12
     assert rows["ours & all, tango_2, with ÷ without"] == ["0.667", "–"]
     assert rows["ours & all, mean of clips so long, with"] == ["1.500", "1.000"]
-    assert not any(name.startswith("ours_swing") for name in rows)  # not measured
+    assert not any(name.startswith("ours_column_rnn") for name in rows)  # not measured
     text = TEXT + "".join(
         f'[[row]]\nname = "{name}"\ntitle = "{name}"\ngroup = "main"\nset.motion.gru = {k}\n'
-        for k, name in enumerate(("ours_swing", "swing_no_previous_state"), start=90)
+        for k, name in enumerate(("ours_column_rnn", "column_rnn_no_previous_state"), start=90)
     )
     plan = make_plan(tmp_path, text)
     for row in plan.settings.rows[-1:]:  # without: alone it is shown as well
         finish(plan, plan.train_job(row, 0))
         finish(plan, plan.roll_job(row, 0))
     rows = {row[0]: row[1:] for row in previous_state_table(gather(plan), (5, 12)).rows}
-    assert rows["ours_swing, tango_1, with"] == [OPEN, OPEN]
-    assert rows["ours_swing, tango_1, without"][0] != OPEN
+    assert rows["ours_column_rnn, tango_1, with"] == [OPEN, OPEN]
+    assert rows["ours_column_rnn, tango_1, without"][0] != OPEN
     row = plan.settings.rows[-2]
     finish(plan, plan.train_job(row, 0))
     finish(plan, plan.roll_job(row, 0))
     records = gather(plan)
     rows = {row[0]: row[1:] for row in previous_state_table(records, (5, 12)).rows}
-    top, below = (float(rows[f"ours_swing, tango_1, {name}"][0]) for name in ("with", "without"))
-    assert rows["ours_swing, tango_1, with ÷ without"][0] == f"{top / below:.3f}"
-    ratios = {row[0]: row[1:] for row in ratio_table(records, "ours_swing").rows}
-    means = [spread(records.named(name), "rmse_cm") for name in ("ours_swing", "swing_no_previous_state")]
-    assert ratios["swing_no_previous_state"][0] == ratio(*means)  # of the swing's, not of ours
+    top, below = (float(rows[f"ours_column_rnn, tango_1, {name}"][0]) for name in ("with", "without"))
+    assert rows["ours_column_rnn, tango_1, with ÷ without"][0] == f"{top / below:.3f}"
+    ratios = {row[0]: row[1:] for row in ratio_table(records, "ours_column_rnn").rows}
+    means = [
+        spread(records.named(name), "rmse_cm") for name in ("ours_column_rnn", "column_rnn_no_previous_state")
+    ]
+    assert ratios["column_rnn_no_previous_state"][0] == ratio(*means)  # of the column RNN's, not of ours
     drawn = rollout_plot(records, (5, 12))
-    assert drawn.count("<!-- swing_no_previous_state -->") == 1
+    assert drawn.count("<!-- column_rnn_no_previous_state -->") == 1
     assert drawn.count("<!-- tango_1 -->") == 2  # names stand at the first pair alone
     assert rows["paper, walk, with ÷ without"] == [OPEN, OPEN]  # it has 100, 500 and 1200
 

@@ -10,20 +10,20 @@ from garment_jax.training.log import RunLog
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A log of three stages: two checks of the codes, and the swing's, whose errors are of cells."""
+    """A log of three stages: two checks of the codes, and the column RNN's, whose errors are of cells."""
     log = RunLog(tmp_path)
     log.write("generative", 5, {"loss": 2.0}, seconds=4.0)
     log.write("generative", 8, {"rmse_cm": 1.5}, seconds=7.0, kind="validation")
     log.write("motion", 5, {"rmse_cm": 4.5}, seconds=3.0, kind="validation")
     log.write("motion", 9, {"loss": 1.0}, seconds=6.0)
-    log.write("swing", 3, {"rmse_cm": 2.5}, seconds=9.0, kind="validation")
+    log.write("column_rnn", 3, {"rmse_cm": 2.5}, seconds=9.0, kind="validation")
     log.close()
     return tmp_path
 
 
 def test_seconds_are_by_stage_and_the_curve_is_the_codes(run: Path) -> None:
     found = log_figures(run)
-    assert found["stage_seconds"] == {"generative": 7.0, "motion": 6.0, "swing": 9.0}
+    assert found["stage_seconds"] == {"generative": 7.0, "motion": 6.0, "column_rnn": 9.0}
     assert [(e["stage"], e["seconds"], e["rmse_cm"]) for e in found["curve"]] == [
         ("generative", 7.0, 1.5),
         ("motion", 10.0, 4.5),
@@ -33,6 +33,6 @@ def test_seconds_are_by_stage_and_the_curve_is_the_codes(run: Path) -> None:
 
 def test_a_run_that_never_checked_has_no_curve(tmp_path: Path) -> None:
     log = RunLog(tmp_path)
-    log.write("swing", 3, {"rmse_cm": 2.5}, seconds=9.0, kind="validation")
+    log.write("column_rnn", 3, {"rmse_cm": 2.5}, seconds=9.0, kind="validation")
     log.close()
-    assert log_figures(tmp_path) == {"stage_seconds": {"swing": 9.0}, "curve": [], "validation_cm": None}
+    assert log_figures(tmp_path) == {"stage_seconds": {"column_rnn": 9.0}, "curve": [], "validation_cm": None}

@@ -195,8 +195,11 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
             ["--detail.steps", "99999999999"],
             r"detail\.steps = 99999999999 is out of range; give 2147483647",
         ),
-        (["--rollout.gain", "0"], r"rollout\.gain = 0\.0 must be a finite number, greater than 0"),
-        (["--rollout.reach", "-1"], r"rollout\.reach = -1\.0 must be a finite number, greater than 0"),
+        (["--rollout.amplitude", "0"], r"rollout\.amplitude = 0\.0 must be a finite number, greater than 0"),
+        (
+            ["--rollout.max_correction", "-1"],
+            r"rollout\.max_correction = -1\.0 must be a finite number, greater than 0",
+        ),
         (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),
         (["--data.mirror", "yes"], r"data\.mirror = 'yes' must be true or false"),
         (["--uv.size"], r"--uv\.size has no value; write --uv\.size VALUE"),
@@ -251,4 +254,4 @@ def test_the_local_dynamics_of_older_models_are_dropped_and_refused_where_they_m
 @pytest.mark.parametrize("change", [{"around": 4}, {"columns": 3}, {"hidden": 0}, {"window": 1}])
 def test_a_ring_that_is_none_is_refused(change: dict):
     with pytest.raises(ValueError, match="give an odd number around, no more than there are columns"):
-        from_dict({"swing": change})
+        from_dict({"column_rnn": change})

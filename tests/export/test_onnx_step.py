@@ -34,7 +34,7 @@ from tests.animation.tiny_model import (  # noqa: E402
     tiny_model,
 )
 from tests.reference.scene import make_motion, make_scene, write_clip  # noqa: E402
-from tests.reference.tiny_swing import swinging_model  # noqa: E402
+from tests.reference.tiny_column_rnn import column_rnn_model  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -98,25 +98,25 @@ def test_a_model_in_canonical_pose_takes_joints_in_place_of_turn_and_shift(folde
 
 
 @pytest.mark.parametrize("base", [tiny_model(), canonical_model()], ids=["root frame", "canonical pose"])
-def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path, base: Model):
-    model, motion = swinging_model(base), make_motion(SCENE, 20)
+def test_a_column_rnn_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path, base: Model):
+    model, motion = column_rnn_model(base), make_motion(SCENE, 20)
     names = ("M", "turn", "shift") if template(base).W is None else ("M", "R", "t")
-    save_model(model, folder / "swings", bits=32)
-    facts = export_step(folder / "swings", folder / "swings.onnx", clip=folder / "clip.h5")
-    assert facts["swing_departure"] < 1e-4
-    assert str(folder / "swings.swing.onnx") in facts["files"]
-    assert not (folder / "tiny.swing.onnx").exists()
+    save_model(model, folder / "columns", bits=32)
+    facts = export_step(folder / "columns", folder / "columns.onnx", clip=folder / "clip.h5")
+    assert facts["column_rnn_departure"] < 1e-4
+    assert str(folder / "columns.column_rnn.onnx") in facts["files"]
+    assert not (folder / "tiny.column_rnn.onnx").exists()
     tables = template(model)
     inputs = model_input(model, SCENE, tables, seeds(), motion)
     start = skinned_template(model, tables, seeds(), inputs)
     state = init_state(model.params, start, template=tables, config=model.config)
     expected = make_rollout(tables, model.config)(model.params, state, inputs.x)[1]
-    begin, frame, step, swing = (
-        open_graph((folder / f"swings{kind}.onnx").read_bytes())
-        for kind in (".start", ".frame", "", ".swing")
+    begin, frame, step, column_rnn = (
+        open_graph((folder / f"columns{kind}.onnx").read_bytes())
+        for kind in (".start", ".frame", "", ".column_rnn")
     )
     R, root = motion.rotations.astype(np.float32), motion.root.astype(np.float32)
-    h, V_prev, carried = begin.run(["h", "V_prev", "swing"], {"rotations": R[0]})
+    h, V_prev, carried = begin.run(["h", "V_prev", "column_rnn"], {"rotations": R[0]})
     for t in range(20):
         last = max(t - 1, 0)
         skeleton = {"rotations": R[t], "root": root[t], "rotations_prev": R[last], "root_prev": root[last]}
@@ -124,22 +124,24 @@ def test_a_swing_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path, bas
         seen = frame.run(list(names), skeleton) if t else [getattr(inputs.frame(0), name) for name in names]
         given = {"h": h, "V_prev": V_prev, **dict(zip(names, seen, strict=True))}
         V, h, V_prev = step.run(["V", "h_next", "V_prev_next"], given)
-        V, carried = swing.run(["V_swung", "swing_next"], {"V": V, "swing": carried, **skeleton})
+        V, carried = column_rnn.run(
+            ["V_corrected", "column_rnn_next"], {"V": V, "column_rnn": carried, **skeleton}
+        )
         np.testing.assert_allclose(V, expected[t], atol=1e-4)
 
 
 def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
     clip, out = folder / "clip.h5", folder / "left.onnx"
-    save_model(swinging_model(), folder / "before", bits=32)
+    save_model(column_rnn_model(), folder / "before", bits=32)
     export_step(folder / "before", out, clip=clip, check=False)
-    assert (folder / "left.swing.onnx").exists()
+    assert (folder / "left.column_rnn.onnx").exists()
     export_step(folder / "tiny", out, clip=clip, check=False)
-    assert not (folder / "left.swing.onnx").exists()
+    assert not (folder / "left.column_rnn.onnx").exists()
     assert (folder / "left.attach.onnx").exists()
 
 
 def test_graphs_of_others_are_neither_replaced_nor_removed(folder: Path):
-    for name in ("own.onnx", "own.swing.onnx"):
+    for name in ("own.onnx", "own.column_rnn.onnx"):
         (folder / name).write_bytes(b"somebody's graph")
         with pytest.raises(
             ValueError, match=rf"{name} is there and export did not write it; name another --out"

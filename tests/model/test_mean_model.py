@@ -6,9 +6,9 @@ import pytest
 
 from garment_jax.cli import main
 from garment_jax.model.mean_model import mean_model
-from garment_jax.model.store import load_model, save_model, without_swing
+from garment_jax.model.store import load_model, save_model, without_column_rnn
 from tests.animation.tiny_model import tiny_model
-from tests.reference.tiny_swing import swinging_model
+from tests.reference.tiny_column_rnn import column_rnn_model
 
 MODEL = tiny_model()
 WIDER = MODEL.statistics._replace(map_std=2 * MODEL.statistics.map_std)
@@ -29,12 +29,12 @@ def test_the_mean_is_that_of_every_parameter():
     assert found.config == MODEL.config
 
 
-def test_the_swing_is_the_first_ones():
-    first, second = swinging_model(), moved(2.0)
+def test_the_column_rnn_is_the_first_ones():
+    first, second = column_rnn_model(), moved(2.0)
     found = mean_model([first, second], ["a", "b"])
-    jax.tree.map(np.testing.assert_array_equal, found.params["swing"], first.params["swing"])
-    assert_alike(without_swing(found).params, moved(1.0).params)
-    assert "swing" not in mean_model([second, first], ["b", "a"]).params
+    jax.tree.map(np.testing.assert_array_equal, found.params["column_rnn"], first.params["column_rnn"])
+    assert_alike(without_column_rnn(found).params, moved(1.0).params)
+    assert "column_rnn" not in mean_model([second, first], ["b", "a"]).params
 
 
 def test_one_model_is_its_own_mean():

@@ -160,11 +160,11 @@ def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whol
 
 def test_the_first_state_is_what_the_user_gives():
     V = jnp.ones((3, 4, 3))
-    codes, swing = init_state({}, V, template=template(), config=CONFIG)
+    codes, column_rnn = init_state({}, V, template=template(), config=CONFIG)
     assert codes.h.shape == (3, CONFIG.motion.gru)
     assert not np.asarray(codes.h).any()
     assert codes.V_prev is V
-    assert swing is None
+    assert column_rnn is None
 
 
 @pytest.mark.parametrize("frames", [1, BLOCK, 2 * BLOCK + 5])

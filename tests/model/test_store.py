@@ -11,12 +11,20 @@ import pytest
 
 from garment_jax.model import store as module
 from garment_jax.model.column_rnn.tables import seen_body
-from garment_jax.model.store import Model, load_model, save_model, template_for, without_swing
+from garment_jax.model.folder import arrays_hash
+from garment_jax.model.store import (
+    Model,
+    load_model,
+    model_facts,
+    save_model,
+    template_for,
+    without_column_rnn,
+)
 from garment_jax.postprocess.collision.solid import everything
 from garment_jax.structs import Scene
 from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_scene
-from tests.reference.tiny_swing import swinging_model
+from tests.reference.tiny_column_rnn import column_rnn_model
 
 
 def test_32_bits_come_back_bit_for_bit(tmp_path: Path):
@@ -134,21 +142,21 @@ def test_another_garment_is_refused_by_name():
         template_for(tiny_model(), SCENE._replace(garment=shifted), "polka")
 
 
-def test_a_swing_needs_pins_and_codes_alone_do_not():
-    model, free = swinging_model(), SCENE._replace(pins=None)
+def test_a_column_rnn_needs_pins_and_codes_alone_do_not():
+    model, free = column_rnn_model(), SCENE._replace(pins=None)
     assert template_for(model, SCENE, "polka")[0].ring is not None
     with pytest.raises(ValueError, match=r"polka has a garment with parts that hang on no pin, "):
         template_for(model, free, "polka")
-    assert template_for(without_swing(model), free, "polka")[0].ring is None
+    assert template_for(without_column_rnn(model), free, "polka")[0].ring is None
 
 
-def test_a_swing_looks_where_it_has_learnt_to_whatever_collider_a_clip_has(tmp_path: Path):
+def test_a_column_rnn_looks_where_it_has_learnt_to_whatever_collider_a_clip_has(tmp_path: Path):
     """The whole body has arms: beside a skirt they looked like a body of twice its size."""
 
     def looked_at(model: Model, scene: Scene) -> np.ndarray:
         return template_for(model, scene, "the clip")[0].ring.carried.weighted.toarray()
 
-    older = swinging_model()
+    older = column_rnn_model()
     model = load_model(save_model(older._replace(seen=seen_body(SCENE)), tmp_path / "model"))
     wanted = looked_at(older, SCENE)
     np.testing.assert_array_equal(looked_at(model, SCENE), wanted)
@@ -179,6 +187,23 @@ def test_files_of_two_models_are_damage(tmp_path: Path):
         np.savez(folder / "parameters.npz", **kept)
         with pytest.raises(ValueError, match=r"\(parameters.npz has other arrays than it was saved with\)"):
             load_model(folder, leave_out=("detail",))
+
+
+def test_a_model_from_before_the_column_rnn_had_its_name_loads(tmp_path: Path):
+    model = column_rnn_model()
+    folder = save_model(model, tmp_path / "model", bits=32)
+    for name in ("config.toml", "model.json"):
+        text = (folder / name).read_text()
+        (folder / name).write_text(text.replace("[column_rnn]", "[swing]").replace('"column_rnn"', '"swing"'))
+    with np.load(folder / "parameters.npz") as stored:
+        arrays = {name.replace("column_rnn/", "swing/"): array for name, array in stored.items()}
+    np.savez(folder / "parameters.npz", **arrays)  # type: ignore[arg-type]
+    facts = json.loads((folder / "model.json").read_text())
+    facts["arrays"] = arrays_hash({name: array.shape for name, array in arrays.items()})
+    (folder / "model.json").write_text(json.dumps(facts))
+    jax.tree.map(np.testing.assert_array_equal, load_model(folder).params, model.params)
+    assert model_facts(folder).parts == set(model.params)
+    assert "column_rnn" not in load_model(folder, leave_out=["column_rnn"]).params
 
 
 def test_an_older_model_that_does_not_say_what_shapes_it_loads(tmp_path: Path):

@@ -181,8 +181,8 @@ def _feet() -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 def perform(person: Person, *, first: int = 0) -> Performance:
     """Return the motion of this module's docstring; `first`: frames to leave out at the beginning."""
-    feet, swing = _feet()
-    t = len(swing)
+    feet, column_rnn = _feet()
+    t = len(column_rnn)
     squat, lift, lowered = np.zeros(t), np.zeros(t), np.minimum(np.arange(t) / _START, 1.0)
     squat[-_SQUAT - _LIFT : -_LIFT] = np.sin(np.pi * np.arange(_SQUAT) / _SQUAT) ** 2
     lift[-_LIFT:] = np.linspace(0, 1, _LIFT)
@@ -196,20 +196,20 @@ def perform(person: Person, *, first: int = 0) -> Performance:
     def put(name: str, rotation: np.ndarray) -> None:
         G[:, person.names.index(name)] = rotation
 
-    hips = facing @ about("y", 6 * swing) @ about("z", 3 * swing) @ about("x", 3 + 14 * squat)
+    hips = facing @ about("y", 6 * column_rnn) @ about("z", 3 * column_rnn) @ about("x", 3 + 14 * squat)
     lower = hips @ about("x", 4 + 10 * squat)
-    chest = facing @ about("y", -7 * swing) @ about("x", 6 + 30 * squat) @ about("z", 2 * swing)
+    chest = facing @ about("y", -7 * column_rnn) @ about("x", 6 + 30 * squat) @ about("z", 2 * column_rnn)
     neck = facing @ about("x", 5 + 12 * squat)
     for name, rotation in (("Hips", hips), ("Spine", lower), ("Spine1", lower), ("Spine2", chest)):
         put(name, rotation)
     put("Neck", neck)
-    put("Head", facing @ about("y", 15 * swing) @ about("x", 8.0))
+    put("Head", facing @ about("y", 15 * column_rnn) @ about("x", 8.0))
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         shoulder = chest @ about("z", sign * (3 + 12 * lift))
         down = -70 * lowered + 130 * lift
-        raised = 55 * squat * lowered - sign * 25 * swing
-        arm = chest @ about("x", -raised) @ about("z", sign * down) @ about("x", 12 * sign * swing)
-        bend = 6 + (18 + 12 * sign * swing + 40 * squat) * lowered
+        raised = 55 * squat * lowered - sign * 25 * column_rnn
+        arm = chest @ about("x", -raised) @ about("z", sign * down) @ about("x", 12 * sign * column_rnn)
+        bend = 6 + (18 + 12 * sign * column_rnn + 40 * squat) * lowered
         fore = arm @ about("y", -sign * bend) @ about("x", 20 * lowered)
         hand = fore @ about("z", sign * -8 * lowered)
         for name, rotation in (("Shoulder", shoulder), ("Arm", arm), ("ForeArm", fore), ("Hand", hand)):

@@ -20,13 +20,13 @@ from garment_jax.config import to_toml
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import load_model, save_model
 from garment_jax.storage.scratch import make_scratch
-from garment_jax.training import swing_stage
+from garment_jax.training import column_rnn_stage
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train, trained_model
 from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_motion, write_clip
-from tests.reference.tiny_swing import SWING, swinging_model
+from tests.reference.tiny_column_rnn import COLUMNS, column_rnn_model
 
 ROOT = Path(__file__).parents[2]
 STAGES = ("generative", "warm_up", "motion", "detail")
@@ -110,42 +110,46 @@ def test_kill_9_in_every_stage_then_the_same_command(tmp_path: Path, data_dir: P
         assert logged[0] == logged[1] == list(range(1, STEPS + 1))
 
 
-def test_the_swing_joins_a_finished_run_and_survives_kill_9(
+def test_the_column_rnn_joins_a_finished_run_and_survives_kill_9(
     tmp_path: Path, data_dir: Path, uninterrupted: Path
 ):
     from shutil import copytree
 
-    (tmp_path / "tiny.toml").write_text(to_toml(replace(CONFIG, swing=SWING)))
+    (tmp_path / "tiny.toml").write_text(to_toml(replace(CONFIG, column_rnn=COLUMNS)))
     runs = [copytree(uninterrupted, tmp_path / name) for name in ("killed", "whole")]
-    lines = [[*command(tmp_path / "tiny.toml", data_dir, run), "--stage", "swing"] for run in runs]
-    assert kill_within("swing", lines[0], runs[0], 0.05).returncode == -signal.SIGKILL
+    lines = [[*command(tmp_path / "tiny.toml", data_dir, run), "--stage", "column_rnn"] for run in runs]
+    assert kill_within("column_rnn", lines[0], runs[0], 0.05).returncode == -signal.SIGKILL
     for words in lines:
         subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, check=True)
-    killed, whole = (state_of(run, "swing") for run in runs)
+    killed, whole = (state_of(run, "column_rnn") for run in runs)
     assert_same_bits(killed, whole)
     assert_same_bits(state_of(runs[0], "detail"), state_of(uninterrupted, "detail"))
-    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "swing"}
-    (last,) = read_log(runs[1], stage="swing", kind="validation")
+    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "column_rnn"}
+    older = runs[1] / "checkpoints" / "column_rnn"
+    older.rename(older.with_name("swing"))  # as runs had it before the stage's name
+    assert_same_bits(state_of(runs[1], "column_rnn"), whole)
+    assert set(trained_model(runs[1]).params) == {"generative", "motion", "detail", "column_rnn"}
+    (last,) = read_log(runs[1], stage="column_rnn", kind="validation")
     assert 0 < last["waltz_3_rmse_cm"] < 100
 
 
 def test_single_stages_make_no_targets_that_they_do_not_read(
     tmp_path: Path, data_dir: Path, uninterrupted: Path
 ):
-    config = replace(CONFIG, swing=SWING)
+    config = replace(CONFIG, column_rnn=COLUMNS)
     run = train(config, tmp_path / "run", data_dir=data_dir, stage="generative")
     targets = sorted((run / "cache").glob("*T_tilde.npy"))
     assert len(targets) == 3
     for path in targets:
         path.unlink()
-    for stage in ("motion", "detail", "swing"):
+    for stage in ("motion", "detail", "column_rnn"):
         train(config, run, data_dir=data_dir, stage=stage)
     assert not list((run / "cache").glob("*T_tilde.npy"))
     for stage in STAGES:
         assert_same_bits(state_of(run, stage), state_of(uninterrupted, stage))
 
 
-def test_the_swing_alone_is_trained_beside_a_saved_model(
+def test_the_column_rnn_alone_is_trained_beside_a_saved_model(
     tmp_path: Path,
     data_dir: Path,
     uninterrupted: Path,
@@ -154,15 +158,15 @@ def test_the_swing_alone_is_trained_beside_a_saved_model(
 ):
     whole = trained_model(uninterrupted)
     codes = save_model(whole, tmp_path / "codes", bits=32)
-    beside = replace(CONFIG, swing=SWING, training=replace(CONFIG.training, begin_from=str(codes)))
-    run = train(beside, tmp_path / "run", data_dir=data_dir, stage="swing")
+    beside = replace(CONFIG, column_rnn=COLUMNS, training=replace(CONFIG.training, begin_from=str(codes)))
+    run = train(beside, tmp_path / "run", data_dir=data_dir, stage="column_rnn")
     model = trained_model(run)
     for part in ("generative", "motion", "detail"):
         jax.tree.map(np.testing.assert_array_equal, model.params[part], whole.params[part])
-    assert set(model.params) == {"generative", "motion", "detail", "swing"}
+    assert set(model.params) == {"generative", "motion", "detail", "column_rnn"}
     figures = animate_file(model, data_dir / "test" / "polka.h5", tmp_path / "polka.h5")
     assert figures["frames"] == 15
-    save_model(swinging_model()._replace(statistics=whole.statistics), codes, bits=32)
+    save_model(column_rnn_model()._replace(statistics=whole.statistics), codes, bits=32)
     with pytest.raises(ValueError, match="and that is no longer there; put it back"):
         trained_model(run)
     begun = []
@@ -171,18 +175,20 @@ def test_the_swing_alone_is_trained_beside_a_saved_model(
         begun.append(params)
         return params
 
-    monkeypatch.setattr(swing_stage, "optimise", before_the_first_step)
-    train(beside, tmp_path / "on", data_dir=data_dir, stage="swing")
-    jax.tree.map(np.testing.assert_array_equal, begun[0], swinging_model().params["swing"])
-    wide = replace(beside, swing=replace(SWING, hidden=7))
-    train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
-    said = f"begins afresh, for that of {codes} has hidden 6, not 7; to go on from it take the [swing]"
+    monkeypatch.setattr(column_rnn_stage, "optimise", before_the_first_step)
+    train(beside, tmp_path / "on", data_dir=data_dir, stage="column_rnn")
+    jax.tree.map(np.testing.assert_array_equal, begun[0], column_rnn_model().params["column_rnn"])
+    wide = replace(beside, column_rnn=replace(COLUMNS, hidden=7))
+    train(wide, tmp_path / "wide", data_dir=data_dir, stage="column_rnn")
+    said = f"begins afresh, for that of {codes} has hidden 6, not 7; to go on from it take the [column_rnn]"
     assert said in capsys.readouterr().err
-    train(wide, tmp_path / "wide", data_dir=data_dir, stage="swing")
+    train(wide, tmp_path / "wide", data_dir=data_dir, stage="column_rnn")
     assert said not in capsys.readouterr().err  # once: now the run is there
     assert begun[-1]["gates_h"]["kernel"].shape == (7, 21)
-    long = replace(CONFIG, swing=replace(SWING, window=999))
-    with pytest.raises(ValueError, match=r"swing\.window = 999 frames, but the longest training clip has"):
+    long = replace(CONFIG, column_rnn=replace(COLUMNS, window=999))
+    with pytest.raises(
+        ValueError, match=r"column_rnn\.window = 999 frames, but the longest training clip has"
+    ):
         train(long, tmp_path / "long", data_dir=data_dir)
 
 
@@ -260,9 +266,9 @@ def test_a_warm_up_alone_is_a_motion_encoder(tmp_path: Path, data_dir: Path):
     jax.tree.map(np.testing.assert_array_equal, trained_model(run).params["motion"], warm)
 
 
-def test_a_swing_of_no_steps_is_refused(tmp_path: Path, data_dir: Path):
-    with pytest.raises(ValueError, match=r"swing\.steps = 0 leaves the swing out"):
-        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="swing")
+def test_a_column_rnn_of_no_steps_is_refused(tmp_path: Path, data_dir: Path):
+    with pytest.raises(ValueError, match=r"column_rnn\.steps = 0 leaves the column RNN out"):
+        train(CONFIG, tmp_path / "run", data_dir=data_dir, stage="column_rnn")
 
 
 def test_every_stage_learns_something_and_validates(uninterrupted: Path):

@@ -11,18 +11,18 @@ import optax
 import pytest
 
 from garment_jax.body.root_frame import heading, to_root
-from garment_jax.config import Config, SimulationConfig, SwingConfig
+from garment_jax.config import ColumnRnnConfig, Config, SimulationConfig
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, prepare, prepared_in_memory
-from garment_jax.dataset.template import SwingTables, canonical_weights
-from garment_jax.model.column_rnn.train_step import SwingBatch
+from garment_jax.dataset.template import ColumnTables, canonical_weights
+from garment_jax.model.column_rnn.train_step import ColumnBatch
 from garment_jax.simulation import many
 from garment_jax.structs import TrainState
-from garment_jax.training import pipeline, simulated_clips, swing_stage
+from garment_jax.training import column_rnn_stage, pipeline, simulated_clips
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, make_vertices, write_clip
-from tests.reference.tiny_swing import SWING
+from tests.reference.tiny_column_rnn import COLUMNS
 
 pytest.importorskip("newton")
 
@@ -48,7 +48,7 @@ def data(folder: Path) -> DataSet:
 
 
 def simulated(data: DataSet, config: Config = ALONE) -> list[PreparedClip]:
-    options = {"posed": False, "unposed": False, "windows": {"swing": 5}}
+    options = {"posed": False, "unposed": False, "windows": {"column_rnn": 5}}
     return with_simulated_clips(data, config, say=lambda _: None, **options).train
 
 
@@ -115,21 +115,21 @@ def test_no_clip_that_can_be_learnt_from_is_refused(data: DataSet, monkeypatch: 
     [
         ({"cloth": ("bendy=1",)}, r"simulation\.cloth 'bendy=1': there is no setting 'bendy'"),
         ({"pattern": "nowhere.npz"}, r"nowhere\.npz is not there; name the file of the flat pattern"),
-        ({"longest": 4}, r"swing\.window = 5 frames, but the longest training clip has 4"),
+        ({"longest": 4}, r"column_rnn\.window = 5 frames, but the longest training clip has 4"),
         ({"device": "cuda:9"}, "the device cuda:9 is not there"),
         ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused_before_anything_is_trained(changes: dict, sentence: str) -> None:
     with pytest.raises((ValueError, OSError), match=sentence):
-        check_simulation(replace(SIMULATION, **changes), 30.0, {"swing": 5})
+        check_simulation(replace(SIMULATION, **changes), 30.0, {"column_rnn": 5})
 
 
-def cheap_step(tables: SwingTables, config: SwingConfig, optimiser: optax.GradientTransformation):
+def cheap_step(tables: ColumnTables, config: ColumnRnnConfig, optimiser: optax.GradientTransformation):
     """A step that compiles in no time and hangs on batch, key and parameters."""
 
     @jax.jit
-    def step(state: TrainState, batch: SwingBatch):
+    def step(state: TrainState, batch: ColumnBatch):
         key, used = jax.random.split(state.key)
         move = batch.X_star.mean() + 0.1 * jax.random.normal(used)
         params = jax.tree.map(lambda leaf: 0.9 * leaf + move, state.params)
@@ -138,16 +138,16 @@ def cheap_step(tables: SwingTables, config: SwingConfig, optimiser: optax.Gradie
     return step
 
 
-def test_a_swing_learns_from_the_simulator_and_goes_on_to_the_same_bits(
+def test_a_column_rnn_learns_from_the_simulator_and_goes_on_to_the_same_bits(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(swing_stage, "make_swing_train_step", cheap_step)
+    monkeypatch.setattr(column_rnn_stage, "make_column_train_step", cheap_step)
     training = replace(CONFIG.training, average=0.5, log_every=3)
-    config = replace(ALONE, swing=SWING, training=training)
-    saved = Checkpointer(tmp_path / "run", "swing")
+    config = replace(ALONE, column_rnn=COLUMNS, training=training)
+    saved = Checkpointer(tmp_path / "run", "column_rnn")
 
     def run(config: Config = config) -> dict:
-        pipeline.train(config, tmp_path / "run", data_dir=folder, stage="swing")
+        pipeline.train(config, tmp_path / "run", data_dir=folder, stage="column_rnn")
         return saved.tree("params")
 
     whole = run()

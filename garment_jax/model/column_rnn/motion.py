@@ -4,9 +4,9 @@ import numpy as np
 
 from garment_jax.body.carried import pose_carried
 from garment_jax.body.root_frame import carry_over, heading
-from garment_jax.dataset.template import SwingTables
+from garment_jax.dataset.template import ColumnTables
 from garment_jax.model.column_rnn.tables import LEVELS, sector
-from garment_jax.structs import Motion, Scene, SwingFrame
+from garment_jax.structs import ColumnFrame, Motion, Scene
 
 # what counts as 1 in each feature, metres (a frame, for movements; a frame squared, for their change)
 OFFSET, MOVED, CHANGED, RADIUS, GREW = 0.03, 0.03, 0.015, 0.15, 0.03
@@ -19,9 +19,9 @@ AT_ONCE = 256  # frames: a long motion's body would fill the memory
 FEATURES = 9 + 2 * LEVELS  # numbers a column
 
 
-def swing_frames(
-    motion: Motion, scene: Scene, tables: SwingTables, frames: slice | None = None
-) -> SwingFrame:
+def column_frames(
+    motion: Motion, scene: Scene, tables: ColumnTables, frames: slice | None = None
+) -> ColumnFrame:
     """Return the frames `frames` of `motion` (all unless given), leaves `[t, ...]` float32.
 
     Frame 0 has no predecessor: there the body is at rest.
@@ -29,10 +29,10 @@ def swing_frames(
     frames = frames or slice(0, len(motion.root))
     starts = range(frames.start, frames.stop, AT_ONCE)
     pieces = [_seen(motion, scene, tables, slice(s, min(s + AT_ONCE, frames.stop))) for s in starts]
-    return pieces[0] if len(pieces) == 1 else SwingFrame(*map(np.concatenate, zip(*pieces, strict=True)))
+    return pieces[0] if len(pieces) == 1 else ColumnFrame(*map(np.concatenate, zip(*pieces, strict=True)))
 
 
-def _seen(motion: Motion, scene: Scene, tables: SwingTables, frames: slice) -> SwingFrame:
+def _seen(motion: Motion, scene: Scene, tables: ColumnTables, frames: slice) -> ColumnFrame:
     first = max(frames.start - BEFORE, 0)
     cut = slice(first, frames.stop)
     root, yaw = motion.root[cut].astype(np.float64), heading(motion.rotations[cut, 0])
@@ -65,7 +65,7 @@ def _seen(motion: Motion, scene: Scene, tables: SwingTables, frames: slice) -> S
     )
     kept = slice(frames.start - first, None)
     angle = np.clip(np.arctan2(turn[:, 2, 0], turn[:, 0, 0]), -MOST_TURN, MOST_TURN)
-    return SwingFrame(
+    return ColumnFrame(
         np.clip(seen, -LARGEST, LARGEST).astype(np.float32)[kept],
         np.clip(way, -FASTEST, FASTEST).astype(np.float32)[kept],
         angle.astype(np.float32)[kept],
@@ -73,7 +73,7 @@ def _seen(motion: Motion, scene: Scene, tables: SwingTables, frames: slice) -> S
     )
 
 
-def _radius(points: np.ndarray, tables: SwingTables) -> np.ndarray:
+def _radius(points: np.ndarray, tables: ColumnTables) -> np.ndarray:
     """Return how far the body reaches from the axis in each sector and level, `[t, a, LEVELS]` metres.
 
     `points` `[t, q, 3]` are given from the anchors' centre; 0 where there is none of them.

@@ -10,16 +10,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from garment_jax.config import SwingConfig
-from garment_jax.dataset.template import SwingTables
+from garment_jax.config import ColumnRnnConfig
+from garment_jax.dataset.template import ColumnTables
 from garment_jax.geometry.stencil import apply_stencil
 from garment_jax.model.column_rnn.motion import FEATURES, LARGEST, MOVED
 from garment_jax.model.generative.blocks import along_channels
 from garment_jax.model.motion.network import gru_step
-from garment_jax.structs import SwingCarry, SwingFrame
+from garment_jax.structs import ColumnCarry, ColumnFrame
 
 
-def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
+def init_column_rnn(key: jax.Array, *, config: ColumnRnnConfig) -> dict:
     """Return fresh parameters; the key is consumed."""
     c, w, k = config.hidden, config.width, config.around
     state = 6 * config.rows if config.previous_state else 0
@@ -48,28 +48,30 @@ def init_swing(key: jax.Array, *, config: SwingConfig) -> dict:
     }
 
 
-def at_rest(tables: SwingTables, lanes: tuple[int, ...], *, config: SwingConfig) -> SwingCarry:
+def at_rest(tables: ColumnTables, lanes: tuple[int, ...], *, config: ColumnRnnConfig) -> ColumnCarry:
     """Return the carry `lanes` times: the template hangs still."""
     rest = jnp.broadcast_to(jnp.asarray(tables.rest), (*lanes, *tables.rest.shape))
-    return SwingCarry(rest, jnp.zeros_like(rest), jnp.zeros((*lanes, len(tables.rest), config.hidden)))
+    return ColumnCarry(rest, jnp.zeros_like(rest), jnp.zeros((*lanes, len(tables.rest), config.hidden)))
 
 
-def seen_gates(params: dict, seen: Float[Array, "*t a f"], *, config: SwingConfig) -> Float[Array, "*t a w"]:
+def seen_gates(
+    params: dict, seen: Float[Array, "*t a f"], *, config: ColumnRnnConfig
+) -> Float[Array, "*t a w"]:
     """Return what the motion adds to the first layer, any leading axes: it does not wait for the carry."""
     y = _circular(seen @ params["seen"]["kernel"], config.around)
     return y + along_channels(params["seen"]["bias"], y)
 
 
-def swing_step(
+def column_step(
     params: dict,
-    carry: SwingCarry,
-    frame: SwingFrame,
+    carry: ColumnCarry,
+    frame: ColumnFrame,
     gates: Float[Array, "*b a w"],
     *,
-    tables: SwingTables,
-    config: SwingConfig,
+    tables: ColumnTables,
+    config: ColumnRnnConfig,
     kept: Float[Array, "*b 1 w"] | None = None,
-) -> SwingCarry:
+) -> ColumnCarry:
     """Return the carry after this frame, bounded whatever comes in; `gates`: `seen_gates` of `frame.seen`.
 
     `kept` is multiplied with the first layer (dropout while training).
@@ -97,25 +99,25 @@ def swing_step(
     for i in range(config.layers):
         y = y + _convolved(params[f"after_{i}"], y, config.around)
     X = _dense(params["out"], y).reshape(hung.shape) * scale + typical
-    return SwingCarry(X, X - hung, h)
+    return ColumnCarry(X, X - hung, h)
 
 
-def roll_swing(
+def roll_columns(
     params: dict,
-    carry: SwingCarry,
-    frames: SwingFrame,
+    carry: ColumnCarry,
+    frames: ColumnFrame,
     *,
-    tables: SwingTables,
-    config: SwingConfig,
+    tables: ColumnTables,
+    config: ColumnRnnConfig,
     kept: Float[Array, "*b 1 w"] | None = None,
-) -> tuple[SwingCarry, Float[Array, "t *b a h 3"]]:
+) -> tuple[ColumnCarry, Float[Array, "t *b a h 3"]]:
     """Return the carry after the frames (leaves `[t, *b, ...]`) and all cells, metres from their anchors.
 
-    `kept`: as of `swing_step`, the same for all frames.
+    `kept`: as of `column_step`, the same for all frames.
     """
 
-    def frame(carry: SwingCarry, inputs: tuple[SwingFrame, jax.Array]):
-        carry = swing_step(params, carry, *inputs, tables=tables, config=config, kept=kept)
+    def frame(carry: ColumnCarry, inputs: tuple[ColumnFrame, jax.Array]):
+        carry = column_step(params, carry, *inputs, tables=tables, config=config, kept=kept)
         return carry, carry.X
 
     gates = seen_gates(params, jnp.asarray(frames.seen), config=config)
@@ -129,7 +131,7 @@ def turned(x: Float[Array, "*b a h 3"], angle: Float[Array, "*b"]) -> Float[Arra
 
 
 def cells_of(
-    V: Float[Array, "*b n 3"], anchor: Float[Array, "*b a 3"], *, tables: SwingTables
+    V: Float[Array, "*b n 3"], anchor: Float[Array, "*b a 3"], *, tables: ColumnTables
 ) -> Float[Array, "*b a h 3"]:
     """Return where the cells of a garment hang, from the anchors; metres, `V` and `anchor` in root frames.
 
@@ -147,13 +149,15 @@ def corrected(
     X: Float[Array, "*b a h 3"],
     anchor: Float[Array, "*b a 3"],
     *,
-    tables: SwingTables,
+    tables: ColumnTables,
     weight: float,
-    gain: float = 1.0,
-    reach: float = 1.0,
+    amplitude: float = 1.0,
+    max_correction: float = 1.0,
 ) -> Float[Array, "*b n 3"]:
     """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
-    moved = cells_moved(V, X, anchor, tables=tables, weight=weight, gain=gain, reach=reach)
+    moved = cells_moved(
+        V, X, anchor, tables=tables, weight=weight, amplitude=amplitude, max_correction=max_correction
+    )
     return V + apply_stencil(moved, tables.up)
 
 
@@ -162,28 +166,30 @@ def cells_moved(
     X: Float[Array, "*b a h 3"],
     anchor: Float[Array, "*b a 3"],
     *,
-    tables: SwingTables,
+    tables: ColumnTables,
     weight: float,
-    gain: float,
-    reach: float,
+    amplitude: float,
+    max_correction: float,
 ) -> Float[Array, "*b ah 3"]:
     """Return how far `corrected` moves each cell, metres, root frame.
 
-    A difference d between the column RNN and the decoded garment is limited to r tanh(d / r), r = `reach`
-    times the cell's scale: where they disagree widely neither is reliable, and the full difference would
-    stretch the cloth between two columns. The offset from the rest position is then scaled by `gain`: a
-    regression mean has less amplitude than any sample.
+    A difference d between the column RNN and the decoded garment is limited to r tanh(d / r), r =
+    `max_correction` times the cell's scale: where they disagree widely neither is reliable, and the full
+    difference would stretch the cloth between two columns. The offset from the rest position is then scaled
+    by `amplitude`: a regression mean has less amplitude than any sample.
     """
     cells = cells_of(V, anchor, tables=tables)
     away = X - cells
-    filled, most = (jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], reach * tables.scale))
+    filled, most = (
+        jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], max_correction * tables.scale)
+    )
     square = jnp.square(away).sum(axis=-1, keepdims=True)
     apart = square > 1e-16
     far = jnp.sqrt(jnp.where(apart, square, 1.0))  # no infinite gradient where nothing is to be done
     away = away * jnp.where(apart, most * jnp.tanh(far / most) / far, 1.0)
     away = weight * away
-    if gain != 1.0:
-        away += (gain - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))
+    if amplitude != 1.0:
+        away += (amplitude - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))
     away = jnp.einsum("aij,...ahi->...ahj", tables.frames, jnp.where(filled > 0, away, 0.0))
     return away.reshape(*away.shape[:-3], -1, 3)
 

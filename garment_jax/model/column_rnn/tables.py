@@ -5,8 +5,8 @@ import numpy as np
 from garment_jax.body.carried import carried_points
 from garment_jax.body.kinematics import collider_points
 from garment_jax.body.vertex_sample import spread_vertices
-from garment_jax.config import SwingConfig
-from garment_jax.dataset.template import SeenBody, SwingTables
+from garment_jax.config import ColumnRnnConfig
+from garment_jax.dataset.template import ColumnTables, SeenBody
 from garment_jax.geometry.geodesics import geodesics_to_pins
 from garment_jax.geometry.stencil import make_stencil
 from garment_jax.io.content_hash import mesh_hash
@@ -18,7 +18,9 @@ ABOVE, BELOW = 0.4, 1.35  # lengths of cloth from the anchors that the levels sp
 SPREAD = 0.13  # parts of its distance from the anchor that a cell strays from where it hangs (shared skirt)
 
 
-def make_swing_tables(scene: Scene, *, config: SwingConfig, seen: SeenBody | None = None) -> SwingTables:
+def make_column_tables(
+    scene: Scene, *, config: ColumnRnnConfig, seen: SeenBody | None = None
+) -> ColumnTables:
     """Return the tables of `scene`: columns by azimuth about the pins, rows by the way over the cloth.
 
     `seen`: where the body is looked at, on the scene's own collider (`seen_body`) unless given.
@@ -27,8 +29,8 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig, seen: SeenBody | Non
     garment, a, h = scene.garment, config.columns, config.rows
     if not hangs_on_pins(scene):
         raise ValueError(
-            "swing.steps is for a garment whose every part hangs on pins, and this one has parts that do "
-            "not; set swing.steps = 0."
+            "column_rnn.steps is for a garment whose every part hangs on pins, and this one has parts that "
+            "do not; set column_rnn.steps = 0."
         )
     seen = seen_body(scene) if seen is None else seen
     looked_at = Collider(seen.vertices, seen.cap_loop, np.zeros((0, 3), np.int32))
@@ -54,7 +56,7 @@ def make_swing_tables(scene: Scene, *, config: SwingConfig, seen: SeenBody | Non
     rest = np.where(mask[..., None] > 0, rest, typical)
     length = float(way.max())
     share = total.reshape(a, h) / max(total.sum(), 1e-9)
-    return SwingTables(
+    return ColumnTables(
         frames.astype(np.float32),
         anchors.astype(np.float32),
         np.einsum("aij,aj->ai", frames, at - at.mean(axis=0)).astype(np.float32),

@@ -7,25 +7,27 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from garment_jax.config import SwingConfig
-from garment_jax.dataset.template import SwingTables
-from garment_jax.model.column_rnn.network import roll_swing
-from garment_jax.structs import SwingCarry, SwingFrame, TrainState
+from garment_jax.config import ColumnRnnConfig
+from garment_jax.dataset.template import ColumnTables
+from garment_jax.model.column_rnn.network import roll_columns
+from garment_jax.structs import ColumnCarry, ColumnFrame, TrainState
 
 ERROR_FLOOR = 1e-8  # m2 under the root: no infinite gradient at zero error
 
 
-class SwingBatch(NamedTuple):
+class ColumnBatch(NamedTuple):
     """One window of every lane; W frames, L lanes."""
 
-    frame: SwingFrame  # leaves [W, L, ...]
+    frame: ColumnFrame  # leaves [W, L, ...]
     X_star: Any  # [W, L, a, h, 3] metres from the anchors, columns' frames
     fresh: Any  # [L] bool, the lane begins here
     X_start: Any  # [L, a, h, 3] of fresh lanes: the frame before the first
     noisy: Any  # [L] bool, the start is a true one and gets noise
 
 
-def begin_lanes(key: jax.Array, carry: SwingCarry, batch: SwingBatch, config: SwingConfig) -> SwingCarry:
+def begin_lanes(
+    key: jax.Array, carry: ColumnCarry, batch: ColumnBatch, config: ColumnRnnConfig
+) -> ColumnCarry:
     """Return the carry with fresh lanes reset and every gradient cut; the key is consumed.
 
     A true start gets noise, one draw for each column, so that the network learns to correct its state.
@@ -36,18 +38,18 @@ def begin_lanes(key: jax.Array, carry: SwingCarry, batch: SwingBatch, config: Sw
     X = jnp.where(fresh, batch.X_start + noise, carry.X)
     moved = jnp.where(fresh, 0.0, carry.moved)
     h = jnp.where(batch.fresh[:, None, None], 0.0, carry.h)
-    return jax.lax.stop_gradient(SwingCarry(X, moved, h))
+    return jax.lax.stop_gradient(ColumnCarry(X, moved, h))
 
 
-def swing_loss(
+def column_loss(
     params: dict,
     key: jax.Array,
-    carry: SwingCarry,
-    batch: SwingBatch,
+    carry: ColumnCarry,
+    batch: ColumnBatch,
     *,
-    tables: SwingTables,
-    config: SwingConfig,
-) -> tuple[jax.Array, tuple[SwingCarry, dict[str, jax.Array]]]:
+    tables: ColumnTables,
+    config: ColumnRnnConfig,
+) -> tuple[jax.Array, tuple[ColumnCarry, dict[str, jax.Array]]]:
     """Return the mean over frames and lanes of the root mean squared errors, cm; the key is consumed.
 
     Of the cells' places and of their movements, a cell counting by the vertices that it holds. A root for
@@ -62,7 +64,7 @@ def swing_loss(
     if config.motion_noise:  # one draw for all frames: noise that changed would look like movement
         noise = config.motion_noise * jax.random.normal(noise_key, frame.seen.shape[1:])
         frame = frame._replace(seen=frame.seen + jnp.broadcast_to(noise, frame.seen.shape))
-    carry, X = roll_swing(params, begun, frame, tables=tables, config=config, kept=kept)
+    carry, X = roll_columns(params, begun, frame, tables=tables, config=config, kept=kept)
     E = X - batch.X_star
 
     def rooted(E: jax.Array) -> jax.Array:
@@ -73,14 +75,14 @@ def swing_loss(
     return place + movement, (carry, {"loss": place + movement, "rmse_cm": place, "movement": movement})
 
 
-def make_swing_train_step(
-    tables: SwingTables, config: SwingConfig, optimiser: optax.GradientTransformation
-) -> Callable[[TrainState, SwingBatch], tuple[TrainState, dict[str, jax.Array]]]:
-    """Return the jitted step (state, batch) -> (state, metrics); `state.carry` is a `SwingCarry`."""
+def make_column_train_step(
+    tables: ColumnTables, config: ColumnRnnConfig, optimiser: optax.GradientTransformation
+) -> Callable[[TrainState, ColumnBatch], tuple[TrainState, dict[str, jax.Array]]]:
+    """Return the jitted step (state, batch) -> (state, metrics); `state.carry` is a `ColumnCarry`."""
 
-    def step(state: TrainState, batch: SwingBatch):
+    def step(state: TrainState, batch: ColumnBatch):
         key, used = jax.random.split(state.key)
-        gradient, (carry, metrics) = jax.grad(swing_loss, has_aux=True)(
+        gradient, (carry, metrics) = jax.grad(column_loss, has_aux=True)(
             state.params, used, state.carry, batch, tables=tables, config=config
         )
         updates, opt_state = optimiser.update(gradient, state.opt_state, state.params)

@@ -11,16 +11,16 @@ from garment_jax.model.column_rnn.motion import (
     MOVED,
     RADIUS,
     USUAL_RADIUS,
-    swing_frames,
+    column_frames,
 )
 from garment_jax.model.column_rnn.tables import LEVELS
 from garment_jax.structs import Motion
 from tests.animation.tiny_model import SCENE
-from tests.reference.tiny_swing import SWING, motion, tables
+from tests.reference.tiny_column_rnn import COLUMNS, motion, tables
 
 N = 12
 MOTION = motion(N)
-FRAMES = swing_frames(MOTION, SCENE, tables())
+FRAMES = column_frames(MOTION, SCENE, tables())
 
 
 def in_world() -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +33,7 @@ def in_world() -> tuple[np.ndarray, np.ndarray]:
 
 def axes(t: int) -> np.ndarray:
     """Return the columns' frames in the world at frame t, `[a, 3, 3]`."""
-    turn = heading(MOTION.rotations[:, 0])[t] + 2 * np.pi * np.arange(SWING.columns) / SWING.columns
+    turn = heading(MOTION.rotations[:, 0])[t] + 2 * np.pi * np.arange(COLUMNS.columns) / COLUMNS.columns
     s, c, o, i = np.sin(turn), np.cos(turn), 0 * turn, 0 * turn + 1
     return np.stack([np.stack(r, -1) for r in ([s, o, c], [c, o, -s], [o, i, o])], axis=-2)
 
@@ -54,7 +54,7 @@ def test_the_radius_is_that_of_the_farthest_point_of_a_sector():
     anchor, points = in_world()
     t, levels = 5, tables().levels
     from_axis = points[t] - anchor[t].mean(axis=0)
-    wanted = np.zeros((SWING.columns, LEVELS))
+    wanted = np.zeros((COLUMNS.columns, LEVELS))
     outward = axes(t)[:, 0]
     for p in from_axis:
         level = int((levels[0] - p[1]) // (levels[0] - levels[1]))
@@ -68,10 +68,10 @@ def test_the_radius_is_that_of_the_farthest_point_of_a_sector():
 
 def test_pieces_are_the_whole_and_nothing_comes_from_the_future():
     for cut in (slice(0, 1), slice(1, 4), slice(2, 9), slice(5, N)):
-        piece = swing_frames(MOTION, SCENE, tables(), cut)
+        piece = column_frames(MOTION, SCENE, tables(), cut)
         for whole, part in zip(FRAMES, piece, strict=True):
             np.testing.assert_allclose(part, whole[cut], atol=2e-5)
-    earlier = swing_frames(Motion(MOTION.rotations[:6], MOTION.root[:6], 30.0), SCENE, tables())
+    earlier = column_frames(Motion(MOTION.rotations[:6], MOTION.root[:6], 30.0), SCENE, tables())
     for whole, part in zip(FRAMES, earlier, strict=True):
         np.testing.assert_array_equal(part, whole[:6])
 
@@ -85,22 +85,22 @@ def test_where_the_body_stands_and_looks_does_not_matter():
         (MOTION.root @ turn.T + [3.0, 0.0, -2.0]).astype(np.float32),
         30.0,
     )
-    for here, there in zip(FRAMES, swing_frames(elsewhere, SCENE, tables()), strict=True):
+    for here, there in zip(FRAMES, column_frames(elsewhere, SCENE, tables()), strict=True):
         np.testing.assert_allclose(here, there, atol=2e-3)
 
 
 def test_a_leap_is_held_within_bounds():
     root = MOTION.root.copy()
     root[6:] += 50.0
-    seen = swing_frames(MOTION._replace(root=root), SCENE, tables())
+    seen = column_frames(MOTION._replace(root=root), SCENE, tables())
     assert np.abs(seen.way).max() <= FASTEST
     assert np.abs(seen.seen).max() <= LARGEST
 
 
 def test_without_a_collider_no_body_is_seen():
-    from garment_jax.model.column_rnn.tables import make_swing_tables
+    from garment_jax.model.column_rnn.tables import make_column_tables
 
     bare = SCENE._replace(collider=None)
-    seen = swing_frames(MOTION, bare, make_swing_tables(bare, config=SWING)).seen
+    seen = column_frames(MOTION, bare, make_column_tables(bare, config=COLUMNS)).seen
     np.testing.assert_allclose(seen[..., 9 : 9 + LEVELS], -USUAL_RADIUS / RADIUS, atol=1e-6)
     np.testing.assert_allclose(seen[..., :9], FRAMES.seen[..., :9], atol=1e-5)

@@ -6,35 +6,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from garment_jax.config import SwingConfig
+from garment_jax.config import ColumnRnnConfig
 from garment_jax.model.column_rnn.motion import MOVED
 from garment_jax.model.column_rnn.network import (
-    SwingCarry,
+    ColumnCarry,
     at_rest,
     cells_of,
-    init_swing,
-    roll_swing,
+    column_step,
+    init_column_rnn,
+    roll_columns,
     seen_gates,
-    swing_step,
     turned,
 )
 from garment_jax.model.motion.network import gru_step
-from garment_jax.structs import SwingFrame
-from tests.reference.tiny_swing import SWING, frames, params, tables
+from garment_jax.structs import ColumnFrame
+from tests.reference.tiny_column_rnn import COLUMNS, frames, params, tables
 
 
-def stepped(carry: SwingCarry, frame: SwingFrame) -> SwingCarry:
-    gates = seen_gates(params(), frame.seen, config=SWING)
-    return swing_step(params(), carry, frame, gates, tables=tables(), config=SWING)
+def stepped(carry: ColumnCarry, frame: ColumnFrame) -> ColumnCarry:
+    gates = seen_gates(params(), frame.seen, config=COLUMNS)
+    return column_step(params(), carry, frame, gates, tables=tables(), config=COLUMNS)
 
 
-def frame_at(t: int) -> SwingFrame:
+def frame_at(t: int) -> ColumnFrame:
     return jax.tree.map(lambda leaf: leaf[t], frames(10))
 
 
-def anywhere(seed: int = 0) -> SwingCarry:
+def anywhere(seed: int = 0) -> ColumnCarry:
     rng = np.random.default_rng(seed)
-    rest = at_rest(tables(), (), config=SWING)
+    rest = at_rest(tables(), (), config=COLUMNS)
     return jax.tree.map(lambda leaf: leaf + 0.03 * jnp.asarray(rng.normal(size=leaf.shape)), rest)
 
 
@@ -62,8 +62,8 @@ def test_cloth_that_hangs_in_the_world_is_where_it_was():
     c, s = np.cos(angle), np.sin(angle)
     yaw = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])  # of the root, this frame; before: none
     F = tables().frames
-    anchor_before, anchor = rng.normal(size=(2, SWING.columns, 3))  # world
-    points = rng.normal(size=(SWING.columns, SWING.rows, 3))
+    anchor_before, anchor = rng.normal(size=(2, COLUMNS.columns, 3))  # world
+    points = rng.normal(size=(COLUMNS.columns, COLUMNS.rows, 3))
     before = np.einsum("aij,ahj->ahi", F, points - anchor_before[:, None])
     now = np.einsum("aij,ahj->ahi", F @ yaw.T, points - anchor[:, None])
     way = np.einsum("aij,aj->ai", F @ yaw.T, anchor - anchor_before)
@@ -75,7 +75,7 @@ def test_cloth_that_hangs_in_the_world_is_where_it_was():
 
 def test_its_turn_is_the_roots():
     from garment_jax.body.root_frame import heading
-    from tests.reference.tiny_swing import motion
+    from tests.reference.tiny_column_rnn import motion
 
     yaw = heading(motion(10).rotations[:, 0])
     np.testing.assert_allclose(frames(10).turn[1:], -np.diff(yaw), atol=1e-5)
@@ -84,7 +84,7 @@ def test_its_turn_is_the_roots():
 def test_rollouts_side_by_side_are_rollouts_one_by_one():
     many = jax.tree.map(lambda leaf: jnp.stack([leaf[:4], leaf[4:8]], axis=1), frames(8))
     starts = jax.tree.map(lambda a, b: jnp.stack([a, b]), anywhere(0), anywhere(1))
-    _, X = roll_swing(params(), starts, many, tables=tables(), config=SWING)
+    _, X = roll_columns(params(), starts, many, tables=tables(), config=COLUMNS)
     for lane, start in enumerate((anywhere(0), anywhere(1))):
         carry = start
         for t in range(4):
@@ -93,8 +93,8 @@ def test_rollouts_side_by_side_are_rollouts_one_by_one():
 
 
 def test_the_cloth_moves_and_stays_within_bounds_whatever_comes():
-    carry, X = roll_swing(
-        params(), at_rest(tables(), (), config=SWING), frames(10), tables=tables(), config=SWING
+    carry, X = roll_columns(
+        params(), at_rest(tables(), (), config=COLUMNS), frames(10), tables=tables(), config=COLUMNS
     )
     assert np.abs(X[-1] - X[0]).max() > 0.005
     thrown = jax.tree.map(lambda leaf: leaf + 1e4, carry)
@@ -115,12 +115,12 @@ def test_the_cloth_moves_and_stays_within_bounds_whatever_comes():
 
 def test_cells_hang_from_their_anchors():
     rng = np.random.default_rng(4)
-    V, anchor = rng.normal(size=(2, 128, 3)), rng.normal(size=(2, SWING.columns, 3))
+    V, anchor = rng.normal(size=(2, 128, 3)), rng.normal(size=(2, COLUMNS.columns, 3))
     cells, down = np.asarray(cells_of(jnp.asarray(V), jnp.asarray(anchor), tables=tables())), tables().down
     for b in range(2):
-        for k in range(SWING.columns * SWING.rows):
+        for k in range(COLUMNS.columns * COLUMNS.rows):
             mean = sum(w * V[b, i] for i, w in zip(down.index[k], down.weight[k], strict=True))
-            a, h = divmod(k, SWING.rows)
+            a, h = divmod(k, COLUMNS.rows)
             np.testing.assert_allclose(cells[b, a, h], tables().frames[a] @ (mean - anchor[b, a]), atol=1e-5)
 
 
@@ -128,17 +128,17 @@ def test_further_convolutions_are_added_around_the_recurrence():
     """Each is y + gelu(K y + b) of a column and its neighbours, by hand; a zero one changes nothing."""
     none = {name: jax.tree.map(jnp.zeros_like, params()[name]) for name in ("before_0", "after_0")}
     without = {k: v for k, v in params().items() if k not in none}
-    plain = dataclasses.replace(SWING, layers=0)
+    plain = dataclasses.replace(COLUMNS, layers=0)
     frame, carry = frame_at(4), anywhere()
 
-    def after(p: dict, config: SwingConfig) -> SwingCarry:
+    def after(p: dict, config: ColumnRnnConfig) -> ColumnCarry:
         gates = seen_gates(p, frame.seen, config=config)
-        return swing_step(p, carry, frame, gates, tables=tables(), config=config)
+        return column_step(p, carry, frame, gates, tables=tables(), config=config)
 
-    fewer, zero = after(without, plain), after(params() | none, SWING)
+    fewer, zero = after(without, plain), after(params() | none, COLUMNS)
     for a, b in zip(fewer, zero, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-6)
-    last = after(params() | {"before_0": none["before_0"]}, SWING)
+    last = after(params() | {"before_0": none["before_0"]}, COLUMNS)
     np.testing.assert_allclose(last.h, fewer.h, atol=1e-6)  # the one after does not reach the state
     y = jax.nn.gelu(neighbours(without["around"], np.asarray(fewer.h)))
     y = np.asarray(y + jax.nn.gelu(neighbours(params()["after_0"], np.asarray(y))))
@@ -147,7 +147,7 @@ def test_further_convolutions_are_added_around_the_recurrence():
     np.testing.assert_allclose(last.X, X, atol=1e-5)
     # the one before, by the carry it makes: the same carry from a first layer to which it was added by hand
     first = {"kernel": without["state"]["kernel"], "bias": without["seen"]["bias"]}
-    flat = (SWING.columns, 3 * SWING.rows)
+    flat = (COLUMNS.columns, 3 * COLUMNS.rows)
     hung = np.asarray(turned(carry.X, frame.turn) - frame.way[..., None, :])
     place = ((hung - tables().typical) / tables().scale).reshape(flat)
     moved = np.asarray(turned(carry.moved, frame.turn)).reshape(flat) / MOVED
@@ -160,31 +160,33 @@ def test_further_convolutions_are_added_around_the_recurrence():
     into = u @ np.asarray(without["gates"]["kernel"]) + np.asarray(without["gates"]["bias"])
     into = into + everywhere @ np.asarray(without["gates_all"]["kernel"])
     h = gru_step({"gru_h": without["gates_h"]}, carry.h, jnp.asarray(into, jnp.float32))
-    np.testing.assert_allclose(after(params(), SWING).h, h, atol=1e-5)
+    np.testing.assert_allclose(after(params(), COLUMNS).h, h, atol=1e-5)
     twice = params() | {name.replace("0", "1"): part for name, part in none.items()}
-    for a, b in zip(after(twice, dataclasses.replace(SWING, layers=2)), after(params(), SWING), strict=True):
+    for a, b in zip(
+        after(twice, dataclasses.replace(COLUMNS, layers=2)), after(params(), COLUMNS), strict=True
+    ):
         np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def neighbours(layer: dict, x: np.ndarray) -> np.ndarray:
     """Return a column's sum over its neighbours' kernels, in a loop."""
-    kernels = np.split(np.asarray(layer["kernel"]), SWING.around, axis=-1)
-    out = np.zeros((SWING.columns, SWING.width), np.float32)
-    for a in range(SWING.columns):
+    kernels = np.split(np.asarray(layer["kernel"]), COLUMNS.around, axis=-1)
+    out = np.zeros((COLUMNS.columns, COLUMNS.width), np.float32)
+    for a in range(COLUMNS.columns):
         for k, kernel in enumerate(kernels):
-            out[a] += x[(a - k + SWING.around // 2) % SWING.columns] @ kernel
+            out[a] += x[(a - k + COLUMNS.around // 2) % COLUMNS.columns] @ kernel
     return out + np.asarray(layer["bias"])
 
 
 def test_without_previous_state_the_cells_before_do_not_matter():
-    config = dataclasses.replace(SWING, previous_state=False)
-    p = init_swing(jax.random.key(0), config=config)
+    config = dataclasses.replace(COLUMNS, previous_state=False)
+    p = init_column_rnn(jax.random.key(0), config=config)
     frame, here = frame_at(4), anywhere()
     gates = seen_gates(p, frame.seen, config=config)
     elsewhere = here._replace(X=here.X + 0.1, moved=here.moved - 0.1)
-    a, b = (swing_step(p, c, frame, gates, tables=tables(), config=config) for c in (here, elsewhere))
+    a, b = (column_step(p, c, frame, gates, tables=tables(), config=config) for c in (here, elsewhere))
     np.testing.assert_array_equal(a.X, b.X)
     np.testing.assert_array_equal(a.h, b.h)
-    other = swing_step(p, here._replace(h=here.h + 0.1), frame, gates, tables=tables(), config=config)
+    other = column_step(p, here._replace(h=here.h + 0.1), frame, gates, tables=tables(), config=config)
     assert np.abs(other.X - a.X).max() > 1e-4
     assert np.abs(stepped(here, frame).X - stepped(elsewhere, frame).X).max() > 1e-4

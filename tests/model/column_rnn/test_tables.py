@@ -7,11 +7,11 @@ import pytest
 from scipy.interpolate import BSpline
 
 from garment_jax.model.column_rnn.network import cells_of, corrected
-from garment_jax.model.column_rnn.tables import make_swing_tables, sector
+from garment_jax.model.column_rnn.tables import make_column_tables, sector
 from tests.animation.tiny_model import SCENE
-from tests.reference.tiny_swing import SWING, tables
+from tests.reference.tiny_column_rnn import COLUMNS, tables
 
-A, H = SWING.columns, SWING.rows
+A, H = COLUMNS.columns, COLUMNS.rows
 T = (SCENE.garment.template - SCENE.body.joints[0]).astype(np.float64)
 PINS = SCENE.pins.vertices
 ANCHOR = tables().anchors @ T[PINS]
@@ -111,7 +111,7 @@ def test_a_garment_that_is_open_has_empty_columns():
     half = garment._replace(template=garment.template[used], faces=faces)
     held = np.isin(PINS, used)
     pins = SCENE.pins._replace(vertices=number[PINS[held]].astype(np.int32), weights=SCENE.pins.weights[held])
-    open_tables = make_swing_tables(SCENE._replace(garment=half, pins=pins), config=SWING)
+    open_tables = make_column_tables(SCENE._replace(garment=half, pins=pins), config=COLUMNS)
     assert not open_tables.filled[0].any()  # straight ahead
     assert open_tables.filled[A // 2].all()
     assert np.isfinite(open_tables.rest).all()
@@ -119,8 +119,8 @@ def test_a_garment_that_is_open_has_empty_columns():
 
 
 def test_a_part_without_pins_is_refused():
-    with pytest.raises(ValueError, match=r"has parts that do not; set swing\.steps = 0"):
-        make_swing_tables(SCENE._replace(pins=None), config=SWING)
+    with pytest.raises(ValueError, match=r"has parts that do not; set column_rnn\.steps = 0"):
+        make_column_tables(SCENE._replace(pins=None), config=COLUMNS)
 
 
 @pytest.mark.parametrize("reach", [1.0, 1.5])

@@ -11,29 +11,34 @@ import pytest
 
 from garment_jax.config import TrainingConfig
 from garment_jax.model.column_rnn import train_step
-from garment_jax.model.column_rnn.network import roll_swing, seen_gates, swing_step
-from garment_jax.model.column_rnn.train_step import SwingBatch, begin_lanes, make_swing_train_step, swing_loss
-from garment_jax.structs import SwingCarry, TrainState
+from garment_jax.model.column_rnn.network import column_step, roll_columns, seen_gates
+from garment_jax.model.column_rnn.train_step import (
+    ColumnBatch,
+    begin_lanes,
+    column_loss,
+    make_column_train_step,
+)
+from garment_jax.structs import ColumnCarry, TrainState
 from garment_jax.training.optimiser import make_optimiser
-from tests.reference.tiny_swing import SWING, frames, params, tables
+from tests.reference.tiny_column_rnn import COLUMNS, frames, params, tables
 
 W, L = 4, 2
 
 
-def batch(noisy: bool = False) -> SwingBatch:
+def batch(noisy: bool = False) -> ColumnBatch:
     windows = jax.tree.map(lambda leaf: jnp.stack([leaf[:W], leaf[3 : 3 + W]], axis=1), frames(W + 3))
     rest = np.broadcast_to(tables().rest, (L, *tables().rest.shape))
     truth = np.broadcast_to(1.02 * rest, (W, *rest.shape))
-    return SwingBatch(windows, truth, np.array([True, False]), rest, np.full(L, noisy))
+    return ColumnBatch(windows, truth, np.array([True, False]), rest, np.full(L, noisy))
 
 
-def carry() -> SwingCarry:
+def carry() -> ColumnCarry:
     X = jnp.broadcast_to(1.01 * tables().rest, (L, *tables().rest.shape))
-    return SwingCarry(X, 0.01 + 0 * X, jnp.full((L, SWING.columns, SWING.hidden), 0.3))
+    return ColumnCarry(X, 0.01 + 0 * X, jnp.full((L, COLUMNS.columns, COLUMNS.hidden), 0.3))
 
 
 def test_fresh_lanes_begin_anew_and_the_others_go_on():
-    begun = begin_lanes(jax.random.key(0), carry(), batch(), SWING)
+    begun = begin_lanes(jax.random.key(0), carry(), batch(), COLUMNS)
     np.testing.assert_array_equal(begun.X[0], tables().rest)
     assert not np.any(begun.moved[0])
     assert not np.any(begun.h[0])
@@ -42,21 +47,21 @@ def test_fresh_lanes_begin_anew_and_the_others_go_on():
 
 
 def test_noise_moves_a_true_starts_columns_as_wholes():
-    begun = begin_lanes(jax.random.key(0), carry(), batch(noisy=True), SWING)
+    begun = begin_lanes(jax.random.key(0), carry(), batch(noisy=True), COLUMNS)
     off = np.asarray(begun.X[0] - tables().rest)
-    assert 0.3 * SWING.noise < off.std() < 3 * SWING.noise
+    assert 0.3 * COLUMNS.noise < off.std() < 3 * COLUMNS.noise
     np.testing.assert_allclose(off, off[:, :1] + 0 * off, atol=1e-6)
     np.testing.assert_array_equal(begun.X[1], carry().X[1])
 
 
 def test_the_loss_is_the_mean_of_a_loops_errors():
     b = batch()
-    state = begin_lanes(jax.random.key(2), carry(), b, SWING)
+    state = begin_lanes(jax.random.key(2), carry(), b, COLUMNS)
     errors = []
     for t in range(W):
         frame = jax.tree.map(lambda leaf, t=t: jnp.asarray(leaf[t]), b.frame)
-        gates = seen_gates(params(), frame.seen, config=SWING)
-        state = swing_step(params(), state, frame, gates, tables=tables(), config=SWING)
+        gates = seen_gates(params(), frame.seen, config=COLUMNS)
+        state = column_step(params(), state, frame, gates, tables=tables(), config=COLUMNS)
         errors.append(np.asarray(state.X) - b.X_star[t])
 
     def rooted(E: np.ndarray) -> float:
@@ -64,8 +69,8 @@ def test_the_loss_is_the_mean_of_a_loops_errors():
 
     place = np.mean([rooted(E) for E in errors])
     movement = np.mean([rooted(b - a) for a, b in pairwise(errors)])
-    loss, (after, metrics) = swing_loss(
-        params(), jax.random.key(2), carry(), jax.tree.map(jnp.asarray, b), tables=tables(), config=SWING
+    loss, (after, metrics) = column_loss(
+        params(), jax.random.key(2), carry(), jax.tree.map(jnp.asarray, b), tables=tables(), config=COLUMNS
     )
     assert float(loss) == pytest.approx(place + movement, rel=1e-3)
     assert float(metrics["rmse_cm"]) == pytest.approx(place, rel=1e-3)
@@ -76,7 +81,7 @@ def test_it_overfits_one_batch():
     optimiser = make_optimiser(
         TrainingConfig(schedule="constant", warmup=0.0), learning_rate=1e-2, weight_decay=0.0, steps=200
     )
-    step = make_swing_train_step(tables(), SWING, optimiser)
+    step = make_column_train_step(tables(), COLUMNS, optimiser)
     start = jax.tree.map(jnp.array, params())
     b = batch()._replace(fresh=np.array([True, True]))
     state = TrainState(start, optimiser.init(start), jax.random.key(3), jnp.int32(0), carry())
@@ -89,17 +94,17 @@ def test_it_overfits_one_batch():
 
 
 def seen_by_the_ring(monkeypatch: pytest.MonkeyPatch, key: int, **changes: float) -> tuple:
-    """Return the start, the frames and what is kept of the first layer, as `swing_loss` rolls them out."""
+    """Return the start, the frames and what is kept of the first layer, as `column_loss` rolls them out."""
     caught: list = []
 
     def caught_and_rolled(p, start, frame, *, tables, config, kept):
         caught.append((start, frame, kept))
-        return roll_swing(p, start, frame, tables=tables, config=config, kept=kept)
+        return roll_columns(p, start, frame, tables=tables, config=config, kept=kept)
 
-    monkeypatch.setattr(train_step, "roll_swing", caught_and_rolled)
-    config = dataclasses.replace(SWING, **changes)
+    monkeypatch.setattr(train_step, "roll_columns", caught_and_rolled)
+    config = dataclasses.replace(COLUMNS, **changes)
     b = jax.tree.map(jnp.asarray, batch(noisy=True))
-    loss, _ = swing_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)
+    loss, _ = column_loss(params(), jax.random.key(key), carry(), b, tables=tables(), config=config)
     assert np.isfinite(loss)
     return caught[0]
 
@@ -107,7 +112,7 @@ def seen_by_the_ring(monkeypatch: pytest.MonkeyPatch, key: int, **changes: float
 def test_a_window_without_dropout_and_noise_is_as_ever(monkeypatch: pytest.MonkeyPatch):
     start, frame, kept = seen_by_the_ring(monkeypatch, 5)
     for mine, known in zip(
-        start, begin_lanes(jax.random.key(5), carry(), batch(noisy=True), SWING), strict=True
+        start, begin_lanes(jax.random.key(5), carry(), batch(noisy=True), COLUMNS), strict=True
     ):
         np.testing.assert_array_equal(mine, known)
     np.testing.assert_array_equal(frame.seen, batch().frame.seen)
@@ -116,7 +121,7 @@ def test_a_window_without_dropout_and_noise_is_as_ever(monkeypatch: pytest.Monke
 
 def test_dropout_hides_channels_of_a_lane_in_every_column_and_frame(monkeypatch: pytest.MonkeyPatch):
     kept = np.asarray(seen_by_the_ring(monkeypatch, 0, dropout=0.5)[2])
-    assert kept.shape == (L, 1, SWING.width)  # of all columns, and of all frames: there is no axis for them
+    assert kept.shape == (L, 1, COLUMNS.width)  # of all columns, and of all frames: there is no axis for them
     assert set(np.unique(kept)) == {0.0, 2.0}
     assert not np.array_equal(kept[0], kept[1])
     assert not np.array_equal(kept, seen_by_the_ring(monkeypatch, 1, dropout=0.5)[2])
@@ -135,15 +140,15 @@ def test_noise_on_the_motion_is_one_draw_for_a_window(monkeypatch: pytest.Monkey
 
 def test_what_is_hidden_from_a_lane_is_as_if_it_were_not_there():
     """What reads the first layer sees the channels kept as often as `kept` says, in every column."""
-    kept = jnp.asarray(np.array([0.0, 2.0] * (SWING.width // 2), np.float32))
+    kept = jnp.asarray(np.array([0.0, 2.0] * (COLUMNS.width // 2), np.float32))
     frame = jax.tree.map(lambda leaf: jnp.asarray(leaf[0, 0]), batch().frame)
     start = jax.tree.map(itemgetter(0), carry())
-    config = dataclasses.replace(SWING, layers=0)
+    config = dataclasses.replace(COLUMNS, layers=0)
     gates = seen_gates(params(), frame.seen, config=config)
-    masked = swing_step(params(), start, frame, gates, tables=tables(), config=config, kept=kept[None])
+    masked = column_step(params(), start, frame, gates, tables=tables(), config=config, kept=kept[None])
     cut = dict(params())  # what reads the first layer: its mean, its largest, its own gates
     double = jnp.concatenate([kept, kept])[:, None]
     cut["all"] = params()["all"] | {"kernel": params()["all"]["kernel"] * double}
     cut["gates"] = params()["gates"] | {"kernel": params()["gates"]["kernel"] * kept[:, None]}
-    by_weights = swing_step(cut, start, frame, gates, tables=tables(), config=config)
+    by_weights = column_step(cut, start, frame, gates, tables=tables(), config=config)
     np.testing.assert_allclose(masked.h, by_weights.h, atol=1e-5)

@@ -67,30 +67,32 @@ def test_without_a_kl_term_the_start_is_finite(template: Template) -> None:
 def test_hashes_from_before_the_key_hold() -> None:
     older = to_dict(Config())
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
-    del older["baselines"], older["swing"], older["simulation"]
+    del older["baselines"], older["column_rnn"], older["simulation"]
     del older["training"]["begin_from"], older["training"]["average"]
-    for key in ("lengths", "swing", "gain", "reach"):
+    for key in ("lengths", "column_rnn", "gain", "reach"):
         del older["rollout"][key]
 
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(Config()) == hashlib.sha256(text).hexdigest()[:16]
-    changes = ("--generative.decomposition=false", "--baselines.bones=7", "--swing.steps=7")
+    changes = ("--generative.decomposition=false", "--baselines.bones=7", "--column_rnn.steps=7")
     changes += ("--rollout.gain=1.06", "--rollout.reach=1.5", "--training.begin_from=models/skirt")
     for change in changes:
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())
 
 
-def test_hashes_of_swings_from_before_their_keys_hold() -> None:
-    swings = apply_overrides(Config(), ["--swing.steps=7"])
-    older = to_dict(swings)
+def test_hashes_of_column_rnns_from_before_their_keys_hold() -> None:
+    has_column_rnn = apply_overrides(Config(), ["--column_rnn.steps=7"])
+    older = to_dict(has_column_rnn)
     for key in ("layers", "previous_state", "dropout", "motion_noise"):
-        del older["swing"][key]
+        del older["column_rnn"][key]
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["simulation"]
     del older["training"]["begin_from"], older["training"]["average"]
-    for key in ("lengths", "swing", "gain", "reach"):
+    for key in ("lengths", "column_rnn", "gain", "reach"):
         del older["rollout"][key]
     text = json.dumps(older, sort_keys=True).encode()
-    assert content_hash(swings) == hashlib.sha256(text).hexdigest()[:16]
+    assert content_hash(has_column_rnn) == hashlib.sha256(text).hexdigest()[:16]
     for change in ("layers=1", "previous_state=false", "dropout=0.1", "motion_noise=0.1"):
-        assert content_hash(apply_overrides(swings, [f"--swing.{change}"])) != content_hash(swings)
+        assert content_hash(apply_overrides(has_column_rnn, [f"--column_rnn.{change}"])) != content_hash(
+            has_column_rnn
+        )

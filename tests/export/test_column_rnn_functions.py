@@ -1,4 +1,4 @@
-"""The swing frame by frame from the skeleton alone, against the package's own functions of whole motions."""
+"""The column RNN frame by frame from the skeleton alone, against the package's functions of whole motions."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from garment_jax.body.root_frame import yaw_matrix
-from garment_jax.export.swing_functions import begun, flat, length, swing_input, swung, unflat
-from garment_jax.model.column_rnn.motion import BEFORE, FEATURES, swing_frames
-from garment_jax.model.column_rnn.tables import make_swing_tables
+from garment_jax.export.column_rnn_functions import begun, column_input, corrected, flat, length, unflat
+from garment_jax.model.column_rnn.motion import BEFORE, FEATURES, column_frames
+from garment_jax.model.column_rnn.tables import make_column_tables
 from garment_jax.model.compose import RolloutState, init_state
 from garment_jax.model.scan import make_rollout
 from garment_jax.model.store import model_input, skinned_template
 from garment_jax.structs import Motion
 from tests.animation.tiny_model import SCENE, seeds, template
 from tests.reference.scene import make_motion
-from tests.reference.tiny_swing import SWING, swinging_model, tables
+from tests.reference.tiny_column_rnn import COLUMNS, column_rnn_model, tables
 
 
 def turned(degrees: float, t: int = 14) -> Motion:
@@ -35,9 +35,9 @@ def skeletons(motion: Motion, t: int) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("degrees", [0.0, 137.0, 180.0])
 def test_a_frame_is_that_of_the_whole_motion(degrees: float):
     motion = turned(degrees)
-    expected = swing_frames(motion, SCENE, tables())
-    state = begun(SCENE, tables(), SWING, jnp.asarray(skeletons(motion, 0)[0]))
-    look = jax.jit(partial(swing_input, SCENE, tables()))
+    expected = column_frames(motion, SCENE, tables())
+    state = begun(SCENE, tables(), COLUMNS, jnp.asarray(skeletons(motion, 0)[0]))
+    look = jax.jit(partial(column_input, SCENE, tables()))
     assert expected.seen.shape[-1] == FEATURES
     for t in range(14):
         frame, state = look(state, *skeletons(motion, t))
@@ -49,7 +49,7 @@ def test_a_frame_is_that_of_the_whole_motion(degrees: float):
 
 @pytest.mark.parametrize("drawn", [(1.0, 1.0), (1.2, 0.05)])
 def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
-    model, motion = swinging_model(), turned(50.0)
+    model, motion = column_rnn_model(), turned(50.0)
     how = replace(model.config.rollout, gain=drawn[0], reach=drawn[1])
     model = model._replace(config=replace(model.config, rollout=how))
     tables_ = template(model)
@@ -59,8 +59,8 @@ def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
     run = make_rollout(tables_, model.config)
     codes = run(model.params, RolloutState(state.codes), inputs.x)[1]
     expected = run(model.params, state, inputs.x)[1]
-    one = jax.jit(partial(swung, model.params["swing"], SCENE, tables(), model.config))
-    state = begun(SCENE, tables(), SWING, jnp.asarray(skeletons(motion, 0)[0]))
+    one = jax.jit(partial(corrected, model.params["column_rnn"], SCENE, tables(), model.config))
+    state = begun(SCENE, tables(), COLUMNS, jnp.asarray(skeletons(motion, 0)[0]))
     for t in range(14):
         V, state = one(codes[t], state, *skeletons(motion, t))
         np.testing.assert_allclose(V, expected[t], atol=1e-4)
@@ -69,19 +69,19 @@ def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
 
 def test_a_state_comes_back_from_its_vector():
     R = jnp.asarray(skeletons(turned(10.0), 3)[0])
-    state = begun(SCENE, tables(), SWING, R)._replace(age=jnp.full(1, 7.0))
+    state = begun(SCENE, tables(), COLUMNS, R)._replace(age=jnp.full(1, 7.0))
     vector = flat(state)
-    assert vector.shape == (length(tables(), SWING),)
+    assert vector.shape == (length(tables(), COLUMNS),)
     for made, leaf in zip(
-        jax.tree.leaves(unflat(vector, tables(), SWING)), jax.tree.leaves(state), strict=True
+        jax.tree.leaves(unflat(vector, tables(), COLUMNS)), jax.tree.leaves(state), strict=True
     ):
         np.testing.assert_array_equal(made, leaf)
 
 
 def test_a_scene_without_a_collider_sees_no_body():
     scene = SCENE._replace(collider=None)
-    ring = make_swing_tables(scene, config=SWING)
-    expected = swing_frames(turned(20.0), scene, ring)
-    state = begun(scene, ring, SWING, jnp.asarray(skeletons(turned(20.0), 0)[0]))
-    frame, _ = jax.jit(partial(swing_input, scene, ring))(state, *skeletons(turned(20.0), 0))
+    ring = make_column_tables(scene, config=COLUMNS)
+    expected = column_frames(turned(20.0), scene, ring)
+    state = begun(scene, ring, COLUMNS, jnp.asarray(skeletons(turned(20.0), 0)[0]))
+    frame, _ = jax.jit(partial(column_input, scene, ring))(state, *skeletons(turned(20.0), 0))
     np.testing.assert_allclose(frame.seen, expected.seen[0], atol=2e-4)

@@ -1,4 +1,4 @@
-"""Rollouts that the swing corrects: chunks, weight, plan, variants, and what is left out."""
+"""Rollouts that the column RNN corrects: chunks, weight, plan, variants, and what is left out."""
 
 import sys
 from dataclasses import replace
@@ -16,16 +16,16 @@ from garment_jax.animation.network_rollout import make_network_rollout
 from garment_jax.animation.plan import make_plan
 from garment_jax.animation.variants import VARIANTS, apply_variant, variants_of
 from garment_jax.aot_cache import ProgramStore
-from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import at_rest, cells_of
-from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip, seen_in, swing_frames_of
+from garment_jax.model.column_rnn.rollout import column_frames_of, make_column_rollout, roll_clip, seen_in
 from garment_jax.model.compose import RolloutState, init_state, step
 from garment_jax.model.scan import make_rollout
-from garment_jax.model.store import Model, facts_of, model_input, skinned_template, without_swing
+from garment_jax.model.store import Model, facts_of, model_input, skinned_template, without_column_rnn
 from garment_jax.structs import FrameInput, Motion
 from tests.animation.tiny_model import CONFIG, SCENE, canonical_model, inputs_of, seeds, template, tiny_model
 from tests.reference.scene import make_motion
-from tests.reference.tiny_swing import SWING, motion, params, swinging_model, tables
+from tests.reference.tiny_column_rnn import COLUMNS, column_rnn_model, motion, params, tables
 
 
 def animated(model: Model, t: int = 20) -> np.ndarray:
@@ -33,25 +33,25 @@ def animated(model: Model, t: int = 20) -> np.ndarray:
 
 
 def with_rollout(**changes) -> Model:
-    model = swinging_model()
+    model = column_rnn_model()
     config = replace(model.config, rollout=replace(model.config.rollout, **changes))
     return model._replace(config=config)
 
 
 def rolled(chunk: int, t: int = 23) -> np.ndarray:
-    roll, seen = make_swing_rollout(tables(), SWING), swing_frames(motion(t), SCENE, tables())
-    return roll_clip(roll, params(), at_rest(tables(), (), config=SWING), seen, chunk=chunk)
+    roll, seen = make_column_rollout(tables(), COLUMNS), column_frames(motion(t), SCENE, tables())
+    return roll_clip(roll, params(), at_rest(tables(), (), config=COLUMNS), seen, chunk=chunk)
 
 
 def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
-    """Return the template as the swing corrects it in every frame, root frames."""
-    model = with_rollout(swing=weight)
+    """Return the template as the column RNN corrects it in every frame, root frames."""
+    model = with_rollout(column_rnn=weight)
     tables_ = template()._replace(ring=tables())
-    carry, made = at_rest(tables(), (), config=SWING), []
-    correct = jax.jit(partial(swing_frames_of, template=tables_, config=model.config))
+    carry, made = at_rest(tables(), (), config=COLUMNS), []
+    correct = jax.jit(partial(column_frames_of, template=tables_, config=model.config))
     x = FrameInput(None, None, None)
     for k in range(0, t, chunk):
-        piece = x._replace(swing=seen_in(SCENE, tables(), chunk, motion(t), k))
+        piece = x._replace(column_rnn=seen_in(SCENE, tables(), chunk, motion(t), k))
         hanging = np.broadcast_to(template().T, (chunk, *template().T.shape))
         carry, V = correct(model.params, carry, piece, hanging)
         made.append(V)
@@ -60,7 +60,7 @@ def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
 
 def test_chunked_is_whole():
     whole = rolled(40)
-    assert whole.shape == (23, SWING.columns, SWING.rows, 3)
+    assert whole.shape == (23, COLUMNS.columns, COLUMNS.rows, 3)
     for chunk in (3, 8, 23):
         np.testing.assert_allclose(rolled(chunk), whole, atol=1e-4)
     np.testing.assert_allclose(corrected(1.0, 4), corrected(1.0, 32), atol=1e-4)
@@ -74,7 +74,7 @@ def test_the_cloth_goes_its_weight_of_the_way():
 
 
 def test_corrected_cloth_hangs_nearer_to_the_ring():
-    anchor = jnp.asarray(swing_frames(motion(20), SCENE, tables()).anchor)
+    anchor = jnp.asarray(column_frames(motion(20), SCENE, tables()).anchor)
     off = []
     for weight in (0.0, 1.0):
         X = np.asarray(cells_of(jnp.asarray(corrected(weight)), anchor, tables=tables()))
@@ -82,7 +82,7 @@ def test_corrected_cloth_hangs_nearer_to_the_ring():
     assert off[1] < 0.85 * off[0]  # random parameters: the ring is farther off than a correction reaches
 
 
-MODEL = swinging_model()
+MODEL = column_rnn_model()
 TABLES = template(MODEL)
 
 
@@ -96,7 +96,7 @@ def begun(*motions: Motion, model: Model = MODEL) -> tuple[RolloutState, list[Fr
 
 @pytest.mark.parametrize("base", [tiny_model(), canonical_model()], ids=["root frame", "canonical pose"])
 def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
-    clip, model = motion(20), swinging_model(base)
+    clip, model = motion(20), column_rnn_model(base)
     tables_ = template(model)
     start, (x,) = begun(clip, model=model)
     start = jax.tree.map(lambda leaf: leaf[0], start)
@@ -138,19 +138,19 @@ def test_a_frame_without_anything_for_the_ring_is_refused():
         )
 
 
-def test_the_animator_corrects_unless_the_swing_is_taken_away():
+def test_the_animator_corrects_unless_the_column_rnn_is_taken_away():
     V, alone, weightless, codes = (
         animated(m)
         for m in (
-            swinging_model(),
-            without_swing(swinging_model()),
-            with_rollout(swing=0.0),
+            column_rnn_model(),
+            without_column_rnn(column_rnn_model()),
+            with_rollout(column_rnn=0.0),
             tiny_model(),
         )
     )
-    drawn = animated(with_rollout(gain=1.2))
+    drawn = animated(with_rollout(amplitude=1.2))
     assert np.abs(drawn - V).max() > 0.001
-    held = animated(with_rollout(reach=1e-6))  # so little that only the codes are left
+    held = animated(with_rollout(max_correction=1e-6))  # so little that only the codes are left
     assert np.abs(held - codes).max() < 1e-4
     assert np.isfinite(V).all()
     assert np.abs(V - codes).max() > 0.01
@@ -159,39 +159,39 @@ def test_the_animator_corrects_unless_the_swing_is_taken_away():
 
 
 def test_the_plan_says_whether_it_runs():
-    on = make_plan(facts_of(swinging_model()), SCENE, motion(5))
-    assert on.swing
+    on = make_plan(facts_of(column_rnn_model()), SCENE, motion(5))
+    assert on.column_rnn
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
-    assert on.why["swing"] == "wanted: 60% of the way from the codes to it"
-    drawn = make_plan(facts_of(with_rollout(gain=1.06)), SCENE, motion(5))
-    assert drawn.why["swing"] == "wanted: 60% of the way from the codes to it, drawn out by 1.06"
-    off = make_plan(facts_of(swinging_model()), SCENE, motion(5), swing=False)
-    assert not off.swing
-    assert off.leave_out == ("generative/E_gen", "swing")
-    assert off.why["swing"] == "not wanted: codes alone move the cloth"
-    assert not make_plan(facts_of(with_rollout(swing=0.0)), SCENE, motion(5)).swing
+    assert on.why["column_rnn"] == "wanted: 60% of the way from the codes to it"
+    drawn = make_plan(facts_of(with_rollout(amplitude=1.06)), SCENE, motion(5))
+    assert drawn.why["column_rnn"] == "wanted: 60% of the way from the codes to it, drawn out by 1.06"
+    off = make_plan(facts_of(column_rnn_model()), SCENE, motion(5), column_rnn=False)
+    assert not off.column_rnn
+    assert off.leave_out == ("generative/E_gen", "column_rnn")
+    assert off.why["column_rnn"] == "not wanted: codes alone move the cloth"
+    assert not make_plan(facts_of(with_rollout(column_rnn=0.0)), SCENE, motion(5)).column_rnn
     untrained = make_plan(facts_of(tiny_model()), SCENE, motion(5))
-    assert not untrained.swing
-    assert untrained.why["swing"] == "not trained"
+    assert not untrained.column_rnn
+    assert untrained.why["column_rnn"] == "not trained"
 
 
-def test_variants_of_a_model_with_a_swing_and_without():
-    assert variants_of(swinging_model().params) == VARIANTS
+def test_variants_of_a_model_with_a_column_rnn_and_without():
+    assert variants_of(column_rnn_model().params) == VARIANTS
     for variant in VARIANTS.values():
         if not variant.rank:
-            assert ("swing" in apply_variant(swinging_model(), variant).params) == variant.swing
+            assert ("column_rnn" in apply_variant(column_rnn_model(), variant).params) == variant.column_rnn
     without = variants_of(tiny_model().params)
-    fewer = {"no swing", "no swing, no detail", "no swing, no collision", "codes alone"}
+    fewer = {"no column RNN", "no column RNN, no detail", "no column RNN, no collision", "codes alone"}
     assert set(VARIANTS) - set(without) == fewer
-    assert not any(v.swing for v in without.values())
+    assert not any(v.column_rnn for v in without.values())
 
 
-def test_codes_alone_do_not_import_the_swing(monkeypatch: pytest.MonkeyPatch):
+def test_codes_alone_do_not_import_the_column_rnn(monkeypatch: pytest.MonkeyPatch):
     for name in [name for name in sys.modules if name.startswith("garment_jax.model.column_rnn")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delitem(sys.modules, "garment_jax.model.column_rnn.rollout", raising=False)
     make_animator(tiny_model(), SCENE, collision=False)
-    make_animator(without_swing(swinging_model()), SCENE, collision=False)
+    make_animator(without_column_rnn(column_rnn_model()), SCENE, collision=False)
     assert not any(name.startswith("garment_jax.model.column_rnn") for name in sys.modules)
-    assert CONFIG.swing.steps == 0
+    assert CONFIG.column_rnn.steps == 0

@@ -1,4 +1,4 @@
-"""The swing's stage: a ring of columns trained on its own rollouts (not in the paper)."""
+"""The column RNN's stage: a ring of columns trained on its own rollouts (not in the paper)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,22 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.dataset.lanes import make_schedule
-from garment_jax.dataset.template import SwingTables
-from garment_jax.model.column_rnn.network import at_rest, init_swing
-from garment_jax.model.column_rnn.rollout import make_swing_rollout, roll_clip
-from garment_jax.model.column_rnn.tables import make_swing_tables
-from garment_jax.model.column_rnn.train_step import make_swing_train_step
+from garment_jax.dataset.template import ColumnTables
+from garment_jax.model.column_rnn.network import at_rest, init_column_rnn
+from garment_jax.model.column_rnn.rollout import make_column_rollout, roll_clip
+from garment_jax.model.column_rnn.tables import make_column_tables
+from garment_jax.model.column_rnn.train_step import make_column_train_step
+from garment_jax.training.column_clips import CHUNK, batches, column_clips
 from garment_jax.training.pretrained import has_part, load_pretrained, other_ring
 from garment_jax.training.run import Run, optimise, say
-from garment_jax.training.swing_clips import CHUNK, batches, swing_clips
 
 
-def train_swing(run: Run) -> dict:
-    """Return the trained parameters of the swing; goes on from the newest checkpoint."""
-    config, seed = run.config.swing, run.config.training.seed
-    tables = make_swing_tables(run.data.scene, config=config)
-    say("swing: finding the cells of the training clips")
-    clips = swing_clips(run.data.train, run.data, tables, workers=run.config.simulation.workers)
+def train_column_rnn(run: Run) -> dict:
+    """Return the trained parameters of the column RNN; goes on from the newest checkpoint."""
+    config, seed = run.config.column_rnn, run.config.training.seed
+    tables = make_column_tables(run.data.scene, config=config)
+    say("column_rnn: finding the cells of the training clips")
+    clips = column_clips(run.data.train, run.data, tables, workers=run.config.simulation.workers)
     schedule = make_schedule(
         [len(clip.X) for clip in clips],
         lanes=config.lanes,
@@ -34,15 +34,15 @@ def train_swing(run: Run) -> dict:
         true_starts=1.0,
         lane_windows=config.lane_windows,
     )
-    params = init_swing(jax.random.key(seed + 7), config=config)
+    params = init_column_rnn(jax.random.key(seed + 7), config=config)
     folder = run.config.training.begin_from
-    if has_part(folder, "swing") and not other_ring(folder, run.config):
-        params = load_pretrained(folder, "swing", params)
+    if has_part(folder, "column_rnn") and not other_ring(folder, run.config):
+        params = load_pretrained(folder, "column_rnn", params)
     return optimise(
         run,
-        "swing",
+        "column_rnn",
         params,
-        partial(make_swing_train_step, tables, config),
+        partial(make_column_train_step, tables, config),
         batches(clips, schedule, tables.rest, config.window),
         steps=config.steps,
         learning_rate=config.learning_rate,
@@ -54,14 +54,14 @@ def train_swing(run: Run) -> dict:
     )
 
 
-def _validation(run: Run, tables: SwingTables) -> Callable[[dict], dict[str, float]] | None:
+def _validation(run: Run, tables: ColumnTables) -> Callable[[dict], dict[str, float]] | None:
     """Return a function that rolls out the clips kept back from the template: RMSE of cells in cm."""
     if not run.data.validation:
         return None
-    roll = make_swing_rollout(tables, run.config.swing)
-    begun = at_rest(tables, (), config=run.config.swing)
+    roll = make_column_rollout(tables, run.config.column_rnn)
+    begun = at_rest(tables, (), config=run.config.column_rnn)
     names = [clip.name for clip in run.data.validation]
-    clips = list(zip(names, swing_clips(run.data.validation, run.data, tables), strict=True))
+    clips = list(zip(names, column_clips(run.data.validation, run.data, tables), strict=True))
 
     def validate(params: dict) -> dict[str, float]:
         errors = {}

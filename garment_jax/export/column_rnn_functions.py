@@ -1,7 +1,7 @@
-"""The swing as a function of the skeleton and one state vector, which becomes a graph (see `host_functions`).
+"""The column RNN as a function of the skeleton and one state vector: a graph (see `host_functions`).
 
-What `swing.motion` makes on the host in float64 for whole motions is here one frame in float32, without an
-arctangent of two numbers and without a scatter. Tests hold both against each other.
+What `column_rnn.motion` makes on the host in float64 for whole motions is here one frame in float32, without
+an arctangent of two numbers and without a scatter. Tests hold both against each other.
 """
 
 from typing import NamedTuple
@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.config import Config, SwingConfig
-from garment_jax.dataset.template import SwingTables
+from garment_jax.config import ColumnRnnConfig, Config
+from garment_jax.dataset.template import ColumnTables
 from garment_jax.export.host_functions import angle, heading, joints_from_root, yaw_matrix
 from garment_jax.geometry.stencil import dense_matrix
 from garment_jax.model.column_rnn.motion import (
@@ -25,19 +25,19 @@ from garment_jax.model.column_rnn.motion import (
     OFFSET,
     RADIUS,
     USUAL_RADIUS,
-    SwingFrame,
+    ColumnFrame,
 )
-from garment_jax.model.column_rnn.network import at_rest, cells_moved, seen_gates, swing_step
+from garment_jax.model.column_rnn.network import at_rest, cells_moved, column_step, seen_gates
 from garment_jax.model.column_rnn.tables import LEVELS
-from garment_jax.structs import Scene, SwingCarry
+from garment_jax.structs import ColumnCarry, Scene
 
 SETTLED = 2.0  # frames after which the anchors' acceleration is known
 
 
-class SwingState(NamedTuple):
+class ColumnState(NamedTuple):
     """All that the ring and what it sees carry from frame to frame."""
 
-    carry: SwingCarry
+    carry: ColumnCarry
     anchor: jax.Array  # [a, 3] metres, the last root frame
     moved: jax.Array  # [a, 3] metres that the anchors moved in the last frame
     radius: jax.Array  # [a, LEVELS] metres that the body reached in the last frame
@@ -45,19 +45,19 @@ class SwingState(NamedTuple):
 
 
 def begun(
-    scene: Scene, ring: SwingTables, config: SwingConfig, rotations: Float[Array, "j 3 3"]
-) -> SwingState:
+    scene: Scene, ring: ColumnTables, config: ColumnRnnConfig, rotations: Float[Array, "j 3 3"]
+) -> ColumnState:
     """Return the state before the first frame, which shows the skeleton `rotations`."""
     anchor, radius = _around(scene, ring, rotations)
-    return SwingState(at_rest(ring, (), config=config), anchor, jnp.zeros_like(anchor), radius, jnp.zeros(1))
+    return ColumnState(at_rest(ring, (), config=config), anchor, jnp.zeros_like(anchor), radius, jnp.zeros(1))
 
 
-def flat(state: SwingState) -> Float[Array, " s"]:
+def flat(state: ColumnState) -> Float[Array, " s"]:
     """Return the state as one vector."""
     return jnp.concatenate([leaf.reshape(-1) for leaf in jax.tree.leaves(state)])
 
 
-def unflat(vector: Float[Array, " s"], ring: SwingTables, config: SwingConfig) -> SwingState:
+def unflat(vector: Float[Array, " s"], ring: ColumnTables, config: ColumnRnnConfig) -> ColumnState:
     """Return the state that `flat` made one vector."""
     a, h = ring.filled.shape
     cells = (a, h, 3)
@@ -68,49 +68,49 @@ def unflat(vector: Float[Array, " s"], ring: SwingTables, config: SwingConfig) -
         vector[end - size : end].reshape(shape)
         for end, size, shape in zip(ends.tolist(), sizes, shapes, strict=True)
     ]
-    return SwingState(SwingCarry(*parts[:3]), *parts[3:])
+    return ColumnState(ColumnCarry(*parts[:3]), *parts[3:])
 
 
-def length(ring: SwingTables, config: SwingConfig) -> int:
+def length(ring: ColumnTables, config: ColumnRnnConfig) -> int:
     """Return how many numbers `flat` gives."""
     a, h = ring.filled.shape
     return a * (6 * h + config.hidden + 6 + LEVELS) + 1
 
 
-def swung(
+def corrected(
     params: dict,
     scene: Scene,
-    ring: SwingTables,
+    ring: ColumnTables,
     config: Config,
     V: Float[Array, "n 3"],
-    state: SwingState,
+    state: ColumnState,
     rotations: Float[Array, "j 3 3"],
     root: Float[Array, " 3"],
     rotations_prev: Float[Array, "j 3 3"],
     root_prev: Float[Array, " 3"],
-) -> tuple[Float[Array, "n 3"], SwingState]:
+) -> tuple[Float[Array, "n 3"], ColumnState]:
     """Return the codes' frame `V` (metres, root frame) as the ring corrects it, and the next state."""
-    frame, state = swing_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
-    gates = seen_gates(params, jnp.asarray(frame.seen), config=config.swing)
-    carry = swing_step(params, state.carry, frame, gates, tables=ring, config=config.swing)
+    frame, state = column_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
+    gates = seen_gates(params, jnp.asarray(frame.seen), config=config.column_rnn)
+    carry = column_step(params, state.carry, frame, gates, tables=ring, config=config.column_rnn)
     how = config.rollout
-    drawn = {"weight": how.swing, "gain": how.gain, "reach": how.reach}
+    drawn = {"weight": how.column_rnn, "amplitude": how.amplitude, "max_correction": how.max_correction}
     moved = cells_moved(V, carry.X, jnp.asarray(frame.anchor), tables=ring, **drawn)
     # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
     spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
     return V + spread.T, state._replace(carry=carry)
 
 
-def swing_input(
+def column_input(
     scene: Scene,
-    ring: SwingTables,
-    state: SwingState,
+    ring: ColumnTables,
+    state: ColumnState,
     rotations: Float[Array, "j 3 3"],
     root: Float[Array, " 3"],
     rotations_prev: Float[Array, "j 3 3"],
     root_prev: Float[Array, " 3"],
-) -> tuple[SwingFrame, SwingState]:
-    """Return what the ring takes of this frame (`swing.motion.swing_frames`), and the state with it seen."""
+) -> tuple[ColumnFrame, ColumnState]:
+    """Return what the ring takes of this frame (as `column_frames` does), and the state with it seen."""
     (c, s), (c_prev, s_prev) = heading(rotations[0]), heading(rotations_prev[0])
     cosine, sine = c * c_prev + s * s_prev, s * c_prev - c * s_prev
     turn, shift = yaw_matrix(cosine, sine), (root_prev - root) @ yaw_matrix(c, s)
@@ -134,11 +134,11 @@ def swing_input(
     )
     # of a matrix [c, 0, s; 0, 1, 0; -s, 0, c] the host takes atan2(-s, c)
     turned = jnp.clip(-angle(cosine, sine), -MOST_TURN, MOST_TURN)
-    frame = SwingFrame(jnp.clip(seen, -LARGEST, LARGEST), jnp.clip(way, -FASTEST, FASTEST), turned, anchor)
-    return frame, SwingState(state.carry, anchor, moved, radius, state.age + 1.0)
+    frame = ColumnFrame(jnp.clip(seen, -LARGEST, LARGEST), jnp.clip(way, -FASTEST, FASTEST), turned, anchor)
+    return frame, ColumnState(state.carry, anchor, moved, radius, state.age + 1.0)
 
 
-def _around(scene: Scene, ring: SwingTables, rotations: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _around(scene: Scene, ring: ColumnTables, rotations: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return the anchors `[a, 3]` and how far the body reaches from the axis `[a, LEVELS]`, root frame."""
     carried, body = ring.carried, scene.body
     joints = jnp.asarray(carried.joints)
@@ -153,8 +153,8 @@ def _around(scene: Scene, ring: SwingTables, rotations: jax.Array) -> tuple[jax.
     return anchor, _radius(points[p:] - anchor.mean(axis=0, keepdims=True), ring)
 
 
-def _radius(points: jax.Array, ring: SwingTables) -> jax.Array:
-    """Return what `swing.motion` has under this name, by masks: `[a, LEVELS]` metres."""
+def _radius(points: jax.Array, ring: ColumnTables) -> jax.Array:
+    """Return what `column_rnn.motion` has under this name, by masks: `[a, LEVELS]` metres."""
     a = len(ring.frames)
     if not len(points):
         return jnp.zeros((a, LEVELS))

@@ -7,11 +7,11 @@ import pytest
 
 from garment_jax.dataset.lanes import make_schedule
 from garment_jax.dataset.prepared import DataSet, prepare
-from garment_jax.structs import SwingFrame
-from garment_jax.training.swing_clips import SwingClip, batches, swing_clips
+from garment_jax.structs import ColumnFrame
+from garment_jax.training.column_clips import ColumnClip, batches, column_clips
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
-from tests.reference.tiny_swing import tables
+from tests.reference.tiny_column_rnn import tables
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_a_batch_is_what_a_loop_cuts_out() -> None:
     clips = []
     for t in (9, 6, 12):
         leaves = [rng.normal(size=(t, *s)).astype(np.float32) for s in ((8, 33), (8, 3), (), (8, 3))]
-        clips.append(SwingClip(SwingFrame(*leaves), rng.normal(size=(t, 8, 3, 3)).astype("f4")))
+        clips.append(ColumnClip(ColumnFrame(*leaves), rng.normal(size=(t, 8, 3, 3)).astype("f4")))
     lengths, window, rest = [len(clip.X) for clip in clips], 4, tables().rest
     schedule = make_schedule(
         lengths, lanes=5, window=window, steps=6, seed=1, from_first=0.5, true_starts=1.0, lane_windows=2
@@ -47,7 +47,7 @@ def test_a_batch_is_what_a_loop_cuts_out() -> None:
 
 def test_cells_are_the_weighted_means_of_their_vertices_in_mirror_images_too(data: DataSet) -> None:
     down, filled = tables().down, tables().filled > 0
-    for clip, found in zip(data.train, swing_clips(data.train, data, tables()), strict=True):
+    for clip, found in zip(data.train, column_clips(data.train, data, tables()), strict=True):
         V = clip.V[7][data.mirror] * np.array([-1, 1, 1]) if clip.mirrored else clip.V[7]
         cells = (V[down.index] * down.weight[..., None]).sum(axis=1).reshape(8, 3, 3)
         cells = np.einsum("aij,ahj->ahi", tables().frames, cells - found.frames.anchor[7][:, None])

@@ -14,64 +14,64 @@ from jaxtyping import Array, Bool, Int
 
 from garment_jax.dataset.lanes import LaneWindow
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of
-from garment_jax.dataset.template import SwingTables
-from garment_jax.model.column_rnn.motion import swing_frames
+from garment_jax.dataset.template import ColumnTables
+from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import cells_of
-from garment_jax.model.column_rnn.train_step import SwingBatch
+from garment_jax.model.column_rnn.train_step import ColumnBatch
 from garment_jax.simulation.many import in_processes
-from garment_jax.structs import SwingFrame
+from garment_jax.structs import ColumnFrame
 
 CHUNK = 256  # frames of a clip whose cells are found at a time
 
 
-class SwingClip(NamedTuple):
+class ColumnClip(NamedTuple):
     """A clip as the ring learns it; `t` frames. Or several, one after the other."""
 
-    frames: SwingFrame  # leaves [t, ...]
+    frames: ColumnFrame  # leaves [t, ...]
     X: np.ndarray | jax.Array  # [t, a, h, 3] cells, metres from the anchors, columns' frames
 
 
 _cells = jax.jit(lambda V, anchor, tables: cells_of(V, anchor, tables=tables))
 
 
-def swing_clips(
-    clips: Sequence[PreparedClip], data: DataSet, tables: SwingTables, *, workers: int = 1
-) -> list[SwingClip]:
+def column_clips(
+    clips: Sequence[PreparedClip], data: DataSet, tables: ColumnTables, *, workers: int = 1
+) -> list[ColumnClip]:
     """Return clips, mirror images among them, as the ring learns them."""
     # without all clips, for each of which it may go to another process
     return in_processes(
-        partial(_swing_clip, data=data._replace(train=[], validation=[]), tables=tables), clips, workers
+        partial(_column_clip, data=data._replace(train=[], validation=[]), tables=tables), clips, workers
     )
 
 
-def _swing_clip(clip: PreparedClip, *, data: DataSet, tables: SwingTables) -> SwingClip:
-    frames, t, pieces = swing_frames(clip.motion, data.scene, tables), len(clip.V), []
+def _column_clip(clip: PreparedClip, *, data: DataSet, tables: ColumnTables) -> ColumnClip:
+    frames, t, pieces = column_frames(clip.motion, data.scene, tables), len(clip.V), []
     arrays = tables._replace(carried=None)
     for start in range(0, t, CHUNK):
         which = np.minimum(np.arange(start, start + CHUNK), t - 1)  # one compiled length
         pieces.append(np.asarray(_cells(frames_of(clip, which, data), frames.anchor[which], arrays)))
-    return SwingClip(frames, np.concatenate(pieces)[:t])
+    return ColumnClip(frames, np.concatenate(pieces)[:t])
 
 
 def batches(
-    clips: Sequence[SwingClip], schedule: Sequence[LaneWindow], rest: np.ndarray, window: int
-) -> Callable[[int], SwingBatch]:
+    clips: Sequence[ColumnClip], schedule: Sequence[LaneWindow], rest: np.ndarray, window: int
+) -> Callable[[int], ColumnBatch]:
     """Return step -> the frames that every lane sees in its window; cells hang at `rest` before a clip."""
     leaves = (jnp.asarray(np.concatenate(leaf)) for leaf in zip(*(c.frames for c in clips), strict=True))
-    whole = SwingClip(SwingFrame(*leaves), jnp.asarray(np.concatenate([clip.X for clip in clips])))
+    whole = ColumnClip(ColumnFrame(*leaves), jnp.asarray(np.concatenate([clip.X for clip in clips])))
     first = np.concatenate([[0], np.cumsum([len(clip.X) for clip in clips])])
 
     @jax.jit
-    def cut(clips: SwingClip, at: Int[Array, " L"], begins: Bool[Array, " L"]) -> tuple:
+    def cut(clips: ColumnClip, at: Int[Array, " L"], begins: Bool[Array, " L"]) -> tuple:
         which = at[None] + jnp.arange(window)[:, None]
         # a clip's first frame has none before it: there the template hangs, as in a rollout
         X_start = jnp.where(begins[:, None, None, None], rest, clips.X[jnp.maximum(at - 1, 0)])
         return *jax.tree.map(lambda leaf: leaf[which], clips), X_start
 
-    def batch_at(step: int) -> SwingBatch:
+    def batch_at(step: int) -> ColumnBatch:
         lanes = schedule[step]
         begins = lanes.start == 0
         frames, X_star, X_start = cut(whole, first[lanes.clip] + lanes.start, begins)
-        return SwingBatch(frames, X_star, lanes.fresh, X_start, lanes.fresh & ~begins)
+        return ColumnBatch(frames, X_star, lanes.fresh, X_start, lanes.fresh & ~begins)
 
     return batch_at
