@@ -21,7 +21,7 @@ MODEL ?= models/skirt
 
 # The first target: what `make` alone does. Interrupted at any point, it goes on where it was.
 demo: setup
-	$(BIN)/garment-jax simulate --embedded skirt --workers $(WORKERS) --out $(DEMO)
+	$(BIN)/garment-jax simulate embedded skirt --workers $(WORKERS) --out $(DEMO)
 	$(BIN)/python train.py configs/demo.toml --data $(DEMO) --run-dir runs/demo
 	@$(MAKE) --no-print-directory judge MODEL=runs/demo RUN=runs/demo IMPORTED=$(DEMO)
 

@@ -36,7 +36,7 @@ def few_steps(config: Config, steps: int, *, log_every: int) -> Config:
         generative=replace(config.generative, steps=steps),
         motion=replace(motion, steps=steps, warm_up_steps=min(motion.warm_up_steps, steps)),
         detail=replace(config.detail, steps=min(config.detail.steps, steps)),
-        swing=replace(config.swing, steps=min(config.swing.steps, steps)),
+        column_rnn=replace(config.column_rnn, steps=min(config.column_rnn.steps, steps)),
         training=replace(config.training, log_every=log_every, checkpoint_seconds=NEVER, validate_every=0),
     )
 
@@ -51,7 +51,7 @@ def stage_speeds(config: Config, data_dir: Path, folder: Path, *, stage: str = "
         "warm_up": motion.warm_up_lanes * motion.window,
         "motion": motion.lanes * motion.window,
         "detail": config.detail.batch,
-        "swing": config.swing.lanes * config.swing.window,
+        "column_rnn": config.column_rnn.lanes * config.column_rnn.window,
     }
     return [
         _speed(name, read_log(folder, stage=name, kind="train"), count)

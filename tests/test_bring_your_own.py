@@ -80,7 +80,10 @@ def test_from_bvh_glb_and_obj_to_usd(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     own = ["--garment", "skirt.obj", "--body", "me.glb", "--motion", "moves", "--test", "jump"]
     assert (
-        garment_jax(["simulate", *own, "--collider", "solid.npz", "--out", "clips", "--cloth", *CLOTH]) == 0
+        garment_jax(
+            ["simulate", "files", *own, "--collider", "solid.npz", "--out", "clips", "--cloth", *CLOTH]
+        )
+        == 0
     )
     assert "clips: 3 of 3 clips" in capsys.readouterr().out
     train_and_animate(SMALL, "clips", "clips/test/jump.h5", monkeypatch)

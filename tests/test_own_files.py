@@ -12,41 +12,52 @@ from tests.animation.tiny_model import SCENE
 from tests.reference.files import write_body, write_bvh, write_obj
 from tests.reference.scene import make_motion
 
+OWN = ["files", "--garment", "skirt.obj", "--body", "me.npz"]
+
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--garment", "skirt.obj"], "--body is not given; name your files, or use --embedded skirt"),
-        (["--embedded", "skirt", "--cloth", "bend"], "'bend' needs a number"),
-        (["--embedded", "skirt", "--frames", "10"], "--frames 10 are too few"),
-        (["--embedded", "skirt", "--frames", "0"], "--frames 0 are too few"),
-        (["--embedded", "skirt", "--seed", "-1"], "--seed -1 is too small"),
-        (["--embedded", "skirt", "--workers", "0"], "--workers 0 is too small"),
-        (["--embedded", "skirt", "--vertices", "-5"], "vertices=-5 must lie between 100 and"),
-        (["--vary", "clips", "--copies", "0"], "--copies 0 and --crosses 0 make no clips"),
-        (["--motion", "moves", "--skip", "-1"], "--skip -1 is too small"),
-        (["--motion", "moves", "--source-fps", "-30"], "--source-fps -30.0 is too small"),
-        (["--embedded", "skirt", "--pattern", "p.npz"], "--embedded brings its own scene and motions; leave"),
-        (
-            ["--vary", "clips", "--body", "me.npz"],
-            "--vary brings its own scene and motions; leave out --body",
-        ),
-        (
-            ["--embedded", "skirt", "--skip", "3"],
-            "own scene and motions; leave out --skip",
-        ),
-        (["--embedded", "skirt", "--turn", "9"], "leave out --turn"),
-        (["--vary", "clips", "--pins", "none"], "--vary brings its own scene and motions; leave out --pins"),
-        (["--vary", "clips", "--embedded", "skirt"], "--embedded and --vary are two ways to get motions"),
-        (["--motion", "moves", "--seed", "3"], "--seed is for simulate --embedded or --vary; leave it out"),
-        (["--motion", "moves", "--kicks", "3"], "--kicks is for simulate --vary; leave it out"),
-        (["--motion", "moves", "--vertices", "300"], "--vertices is for simulate --embedded; leave it out"),
+        (["embedded", "skirt", "--cloth", "bend"], "'bend' needs a number"),
+        (["embedded", "skirt", "--frames", "10"], "--frames 10 are too few"),
+        (["embedded", "skirt", "--frames", "0"], "--frames 0 are too few"),
+        (["embedded", "skirt", "--seed", "-1"], "--seed -1 is too small"),
+        (["embedded", "skirt", "--workers", "0"], "--workers 0 is too small"),
+        (["embedded", "skirt", "--vertices", "-5"], "vertices=-5 must lie between 100 and"),
+        (["embedded", "skirt", "--at-once", "5"], "--at-once is for simulate --device cuda"),
+        (["varied", "clips", "--copies", "0"], "--copies 0 and --crosses 0 make no clips"),
+        ([*OWN, "--motion", "moves", "--skip", "-1"], "--skip -1 is too small"),
+        ([*OWN, "--motion", "moves", "--source-fps", "-30"], "--source-fps -30.0 is too small"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(tmp_path: Path, words, sentence, capsys):
     assert garment_jax(["simulate", *words, "--out", str(tmp_path / "clips")]) == 2
     captured = capsys.readouterr()
     assert sentence in captured.err
+    assert not (tmp_path / "clips").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["files", "--garment", "skirt.obj"], "the following arguments are required: --body, --motion"),
+        (["embedded", "skirt", "--pattern", "p.npz"], "unrecognized arguments: --pattern p.npz"),
+        (["embedded", "skirt", "--skip", "3"], "unrecognized arguments: --skip 3"),
+        (["embedded", "skirt", "--turn", "9"], "unrecognized arguments: --turn 9"),
+        (["embedded", "skirt", "--fit-uv"], "unrecognized arguments: --fit-uv"),
+        (["varied", "clips", "--body", "me.npz"], "unrecognized arguments: --body me.npz"),
+        (["varied", "clips", "--pins", "none"], "unrecognized arguments: --pins none"),
+        ([*OWN, "--motion", "moves", "--seed", "3"], "unrecognized arguments: --seed 3"),
+        ([*OWN, "--motion", "moves", "--kicks", "3"], "unrecognized arguments: --kicks 3"),
+        ([*OWN, "--motion", "moves", "--vertices", "300"], "unrecognized arguments: --vertices 300"),
+        ([], "the following arguments are required: WAY"),
+    ],
+)
+def test_options_of_another_way_are_refused(tmp_path: Path, words, sentence, capsys):
+    with pytest.raises(SystemExit) as end:
+        garment_jax(["simulate", *words, *(["--out", str(tmp_path / "clips")] if words else [])])
+    assert end.value.code == 2
+    assert sentence in capsys.readouterr().err
     assert not (tmp_path / "clips").exists()
 
 
@@ -134,7 +145,7 @@ def test_a_bad_file_is_refused_by_name_before_anything_is_simulated(
     damage, words, sentence = CASES[case]
     damage(tmp_path)
     own = ["--garment", "skirt.obj", "--body", "me.npz", "--motion", "walk.bvh", "--out", "clips"]
-    assert garment_jax(["simulate", *own, *words]) == 2
+    assert garment_jax(["simulate", "files", *own, *words]) == 2
     error = capsys.readouterr().err
     assert re.search(sentence, error)
     assert error.startswith("error: ")

@@ -82,7 +82,12 @@ def reached(start: Path) -> set[Path]:
 
 
 def options_of(parser: argparse.ArgumentParser) -> set[str]:
-    return {name[2:] for action in parser._actions for name in action.option_strings if name[:2] == "--"}
+    """The options of a command, those of its subcommands too."""
+    found = {name[2:] for action in parser._actions for name in action.option_strings if name[:2] == "--"}
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found |= set().union(*(options_of(below) for below in action.choices.values()))
+    return found
 
 
 def options_of_script(path: Path) -> set[str]:

@@ -3,40 +3,65 @@
 import argparse
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from garment_jax.cli.choices import GARMENTS
 
-# what each way to get motions looks at, beside what all do
-WAYS = {
-    "embedded": ("vertices", "frames", "seed"),
-    "vary": ("copies", "crosses", "turn", "spins", "kicks", "longest", "seed", "pattern"),
-    "garment": (
-        *("garment", "unwrap", "fit_uv", "drop_duplicates", "pattern", "pins", "collider"),
-        *("body", "betas", "body_unit", "body_up", "body_mesh", "body_skeleton"),
-        *("animation", "motion_mesh", "motion_skeleton"),
-        *(
-            "motion",
-            "joints",
-            "source_fps",
-            "skip",
-            "rest_frame",
-            "motion_unit",
-            "motion_up",
-            "keep_height",
-            "test",
-        ),
-    ),
-}
+if TYPE_CHECKING:
+    import numpy as np
+
+    from garment_jax.simulation.settings import ClothSettings
+    from garment_jax.structs import Scene
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
     parser = commands.add_parser("simulate", help="make clips to train on with a cloth engine (extra sim)")
-    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/train and OUT/test")
-    parser.add_argument(
-        "--embedded", choices=GARMENTS, help="a garment on the mannequin and motions that the package makes"
+    ways = parser.add_subparsers(
+        title="where garment, body and motions come from", metavar="WAY", required=True
     )
-    parser.add_argument("--vary", nargs="+", type=Path, help="training clips to simulate varied motions of")
+    _add_files(ways, _shared())
+    _add_varied(ways, _shared())
+    _add_embedded(ways, _shared(pattern=False))
+
+
+def _shared(*, pattern: bool = True) -> argparse.ArgumentParser:
+    """Return what all ways have; `pattern`: for a garment that does not bring its flat pattern along."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/train and OUT/test")
+    parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
+    parser.add_argument(
+        "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
+    )
+    parser.add_argument("--at-once", type=int, help="clips side by side on a GPU (default 128)")
+    parser.add_argument(
+        "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
+    )
+    if pattern:
+        parser.add_argument(
+            "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
+        )
+    return parser
+
+
+def _add_embedded(ways, shared: argparse.ArgumentParser) -> None:
+    parser = ways.add_parser(
+        "embedded", parents=[shared], help="a garment, the mannequin and motions that the package makes"
+    )
+    parser.add_argument("garment", choices=GARMENTS, help="the garment")
+    parser.add_argument("--vertices", type=int, default=900, help="of the garment, about (default 900)")
+    parser.add_argument("--frames", type=int, default=900, help="of the motions, in all (default 900)")
+    parser.add_argument("--seed", type=int, default=0, help="of the motions (default 0)")
+    parser.set_defaults(run=run_embedded, pattern=None)
+
+
+def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
+    parser = ways.add_parser(
+        "varied", parents=[shared], help="the cloth of clips in varied motions of theirs"
+    )
+    parser.add_argument(
+        "clips", nargs="+", type=Path, metavar="CLIP", help="training clip, or a folder of them"
+    )
     parser.add_argument("--copies", type=int, default=1, help="varied motions of each clip (default 1)")
     parser.add_argument("--crosses", type=int, default=0, help="motions out of three clips' parts each")
     parser.add_argument(
@@ -55,10 +80,15 @@ def add(commands) -> None:
         help="and raised legs, so often in ten seconds on average, or less (default 0)",
     )
     parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
-    parser.add_argument("--vertices", type=int, default=900, help="of the embedded garment, about")
-    parser.add_argument("--frames", type=int, default=900, help="of the embedded motions, in all")
-    parser.add_argument("--seed", type=int, default=0, help="of the embedded or varied motions")
-    parser.add_argument("--garment", type=Path, help="template on the canonical body, OBJ with UVs, metres")
+    parser.add_argument("--seed", type=int, default=0, help="of the varied motions (default 0)")
+    parser.set_defaults(run=run_varied)
+
+
+def _add_files(ways, shared: argparse.ArgumentParser) -> None:
+    parser = ways.add_parser("files", parents=[shared], help="a garment, a body and motions of your own")
+    parser.add_argument(
+        "--garment", required=True, type=Path, help="template on the canonical body, OBJ with UVs, metres"
+    )
     parser.add_argument(
         "--unwrap", action="store_true", default=None, help="make the garment's UVs anew (extra unwrap)"
     )
@@ -68,7 +98,9 @@ def add(commands) -> None:
     parser.add_argument(
         "--drop-duplicates", action="store_true", default=None, help="leave out faces that occur twice"
     )
-    parser.add_argument("--body", type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf")
+    parser.add_argument(
+        "--body", required=True, type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf"
+    )
     parser.add_argument("--betas", nargs="+", type=float, help="shape of a SMPL body")
     parser.add_argument("--body-unit", help="of the body's file: m, cm, mm, in or metres per unit")
     parser.add_argument("--body-up", choices=("Y", "Z"), help="up axis of the body's file")
@@ -79,10 +111,7 @@ def add(commands) -> None:
         "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
     )
     parser.add_argument(
-        "--pattern", type=Path, help="flat pattern in metres, .npz or .h5 (default: from UVs)"
-    )
-    parser.add_argument(
-        "--motion", nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
+        "--motion", required=True, nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
     )
     parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
     parser.add_argument("--source-fps", type=float, help="true rate of the motions, where a file lies")
@@ -97,63 +126,84 @@ def add(commands) -> None:
     parser.add_argument("--motion-skeleton", metavar="NAME", help="root joint, or skin, of such a motion")
     parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
-    parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
-    parser.add_argument(
-        "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
-    )
-    parser.add_argument("--at-once", type=int, help="clips side by side on a GPU (default 128)")
-    parser.add_argument(
-        "--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="e.g. bend=3e-4 self_collision=on"
-    )
-    defaults = {name: parser.get_default(name) for names in WAYS.values() for name in names}
-    parser.set_defaults(run=run, defaults=defaults)
+    parser.set_defaults(run=run_files)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Run it."""
+def run_embedded(options: argparse.Namespace) -> None:
+    """Simulate the package's own garment."""
     from garment_jax.procedural.made import check_count
-    from garment_jax.simulation.clips import AT_ONCE, simulate_clips
-    from garment_jax.simulation.command import (
-        EMBEDDED_CLOTH,
-        check_frames,
-        check_numbers,
-        check_rest_shape,
-        cloth_settings,
-        embedded_jobs,
-        read_pattern,
-    )
+    from garment_jax.procedural.scene import make_outfit
+    from garment_jax.simulation.command import EMBEDDED_CLOTH, check_frames, embedded_jobs
+
+    check_frames(options.frames)
+    check_count(options.vertices)
+    settings = _settings(options, EMBEDDED_CLOTH.get(options.garment, []))
+    scene, flat = make_outfit(options.garment, vertices=options.vertices)
+    jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
+    _simulate(options, scene, jobs, settings, flat, [])
+
+
+def run_varied(options: argparse.Namespace) -> None:
+    """Simulate varied motions of clips."""
+    from garment_jax.simulation.command import check_rest_shape
     from garment_jax.simulation.varied import varied_jobs
 
-    _check_way(options)
-    if options.embedded:
-        check_frames(options.frames)
-        check_count(options.vertices)
-    check_numbers(vars(options))
-    settings = cloth_settings([*EMBEDDED_CLOTH.get(options.embedded, []), *options.cloth])
-    flat = None if options.pattern is None else read_pattern(options.pattern)
-    left_out: list[str] = []
-    if options.embedded is not None:
-        from garment_jax.procedural.scene import make_outfit
+    settings = _settings(options)
+    flat = _pattern(options)
+    scene, jobs = varied_jobs(
+        options.clips,
+        copies=options.copies,
+        seed=options.seed,
+        turn=options.turn,
+        spins=options.spins,
+        kicks=options.kicks,
+        longest=options.longest,
+        crosses=options.crosses,
+        settings=settings,
+    )
+    check_rest_shape(scene.garment, flat, options.pattern or options.clips[0])
+    _simulate(options, scene, jobs, settings, flat, [])
 
-        scene, flat = make_outfit(options.embedded, vertices=options.vertices)
-        jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
-    elif options.vary is not None:
-        scene, jobs = varied_jobs(
-            options.vary,
-            copies=options.copies,
-            seed=options.seed,
-            turn=options.turn,
-            spins=options.spins,
-            kicks=options.kicks,
-            longest=options.longest,
-            crosses=options.crosses,
-            settings=settings,
-        )
-        check_rest_shape(scene.garment, flat, options.pattern or options.vary[0])
-    else:
-        scene, jobs = _own_files(options, settings.fps, left_out)
-        check_rest_shape(scene.garment, flat, options.pattern or options.garment)
-    show = partial(print, flush=True)
+
+def run_files(options: argparse.Namespace) -> None:
+    """Simulate a user's own garment."""
+    from garment_jax.simulation.command import check_rest_shape
+
+    settings = _settings(options)
+    flat = _pattern(options)
+    left_out: list[str] = []
+    scene, jobs = _own_files(options, settings.fps, left_out)
+    check_rest_shape(scene.garment, flat, options.pattern or options.garment)
+    _simulate(options, scene, jobs, settings, flat, left_out)
+
+
+def _settings(options: argparse.Namespace, usual: list[str] | None = None) -> "ClothSettings":
+    """Return the cloth's settings, `usual` ones first, once all numbers are ones that can be used."""
+    from garment_jax.simulation.command import check_numbers, cloth_settings
+
+    if options.at_once is not None and options.device == "cpu":
+        raise ValueError("--at-once is for simulate --device cuda; on a CPU give --workers.")
+    check_numbers(vars(options))
+    return cloth_settings([*(usual or []), *options.cloth])
+
+
+def _pattern(options: argparse.Namespace) -> "np.ndarray | None":
+    from garment_jax.simulation.command import read_pattern
+
+    return None if options.pattern is None else read_pattern(options.pattern)
+
+
+def _simulate(
+    options: argparse.Namespace,
+    scene: "Scene",
+    jobs: list[Any],
+    settings: "ClothSettings",
+    flat: "np.ndarray | None",
+    left_out: list[str],
+) -> None:
+    """Simulate the clips and say how many there are; `ValueError` names those that were left out."""
+    from garment_jax.simulation.clips import AT_ONCE, simulate_clips
+
     outcomes = simulate_clips(
         scene,
         jobs,
@@ -163,32 +213,13 @@ def run(options: argparse.Namespace) -> None:
         workers=options.workers,
         device=options.device,
         at_once=AT_ONCE if options.at_once is None else options.at_once,
-        progress=show,
+        progress=partial(print, flush=True),
     )
     kept = [outcome for outcome in outcomes if outcome.path is not None]
     print(f"{options.out}: {len(kept)} of {len(outcomes) + len(left_out)} clips")
     left_out += [outcome.job for outcome in outcomes if outcome.path is None]
     if left_out:
         raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
-
-
-def _check_way(options: argparse.Namespace) -> None:
-    """Refuse options that would not be looked at: those of another way than the one that is asked for."""
-    if options.at_once is not None and options.device == "cpu":
-        raise ValueError("--at-once is for simulate --device cuda; on a CPU give --workers.")
-    given = [way for way in ("embedded", "vary") if getattr(options, way) is not None]
-    if len(given) == 2:
-        raise ValueError("--embedded and --vary are two ways to get motions; leave one out.")
-    way = given[0] if given else "garment"
-    for names in WAYS.values():
-        for name in names:
-            if name in WAYS[way] or getattr(options, name) == options.defaults[name]:
-                continue
-            option = name.replace("_", "-")
-            if given:
-                raise ValueError(f"--{way} brings its own scene and motions; leave out --{option}.")
-            ways = " or ".join(f"--{one}" for one in WAYS if name in WAYS[one])
-            raise ValueError(f"--{option} is for simulate {ways}; leave it out.")
 
 
 def _own_files(options: argparse.Namespace, fps: float, left_out: list[str]) -> tuple:
@@ -203,9 +234,6 @@ def _own_files(options: argparse.Namespace, fps: float, left_out: list[str]) -> 
     from garment_jax.io.scene_files import load_scene
     from garment_jax.simulation.command import check_collider, motion_jobs
 
-    missing = [name for name in ("garment", "body", "motion") if getattr(options, name) is None]
-    if missing:
-        raise ValueError(f"--{missing[0]} is not given; name your files, or use --embedded skirt.")
     cloth, notes = load_garment(
         options.garment,
         unwrap=bool(options.unwrap),

@@ -1,4 +1,4 @@
-"""More clips out of those that are there: `garment-jax simulate --vary`."""
+"""More clips out of those that are there: `garment-jax simulate varied`."""
 
 import zlib
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ def varied_jobs(
         raise ValueError("--copies 0 and --crosses 0 make no clips; give one of them.")
     files = [file for path in paths for file in (_recorded(path) if path.is_dir() else [path])]
     if not files:
-        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no clips (*.h5); name some with --vary.")
+        raise FileNotFoundError(f"{', '.join(map(str, paths))} holds no clips (*.h5); name one that does.")
     if crosses and len(files) < 3:
         raise ValueError(
             f"--crosses {crosses} needs three clips at least and {len(files)} are there; name more."

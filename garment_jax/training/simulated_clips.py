@@ -76,7 +76,7 @@ def with_simulated_clips(
     if not kept:
         raise ValueError(
             f"none of {len(motions)} simulated clips can be learnt from: in all of them cloth bunched or was "
-            "stretched; look at some that garment-jax simulate --vary writes with this cloth."
+            "stretched; look at some that garment-jax simulate varied writes with this cloth."
         )
     frames = sum(len(clip.V) for clip in kept if not clip.mirrored)
     say(f"{sum(map(bool, made.values()))} of {len(motions)} simulated clips are kept, {frames} frames")

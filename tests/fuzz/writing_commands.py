@@ -43,7 +43,7 @@ def commands() -> dict[str, Command]:
         "train generative": Command((*train, "--stage", "generative"), ("run",), arrays=True),
         "train": Command(train, ("run",), arrays=True),
         "simulate": Command(
-            ("simulate", *body, "--motion", "walk.bvh", "--out", "made"), ("made",), arrays=True
+            ("simulate", "files", *body, "--motion", "walk.bvh", "--out", "made"), ("made",), arrays=True
         ),
         "floor": Command(
             ("floor", clip, "--start", "2", "--frames", "2", "--out", "again.h5"), ("again.h5",), arrays=True

@@ -233,12 +233,10 @@ def test_charts_are_counted():
     assert len(np.unique(charts(two_pieces().faces_uv, 2 * len(SKIRT.uv)))) == 2
 
 
-def test_simulate_refuses_what_it_would_not_look_at(tmp_path: Path, capsys):
+def test_simulate_refuses_a_garment_without_uvs(tmp_path: Path, capsys):
     from garment_jax.cli import main
 
-    assert main(["simulate", "--embedded", "skirt", "--fit-uv", "--out", str(tmp_path)]) == 2
-    assert "--embedded brings its own scene and motions; leave out --fit-uv." in capsys.readouterr().err
     path = write(tmp_path / "bare.obj", SKIRT, uv=False)
     own = ["--garment", str(path), "--body", "b.npz", "--motion", "m.bvh", "--out", str(tmp_path / "o")]
-    assert main(["simulate", *own]) == 2
+    assert main(["simulate", "files", *own]) == 2
     assert "bare.obj: the garment has no UVs" in capsys.readouterr().err

@@ -61,7 +61,7 @@ def test_body_and_motion_of_one_file_that_contradict_each_other_are_refused(
     walker: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--body", str(walker), "--garment", str(walker.parent / "skirt.obj")]
-    for command in (["import", str(walker)], ["simulate", "--motion", str(walker)]):
+    for command in (["import", str(walker)], ["simulate", "files", "--motion", str(walker)]):
         out = ["--out", str(walker.parent / "out"), "--body-unit", "cm", "--motion-unit", "m"]
         assert main([*command, *words, *out]) == 2
         said = capsys.readouterr().err

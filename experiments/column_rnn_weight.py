@@ -1,6 +1,6 @@
 """How far a rollout should go from the codes to the column RNN, and be drawn out: figures on clips kept back.
 
-    python experiments/swing_weight.py MODEL CLIP... [--json FILE]
+    python experiments/column_rnn_weight.py MODEL CLIP... [--json FILE]
 
 By `rollout.column_rnn`, and at the model's own by `rollout.amplitude` (columns x1.03 and on): RMSE in cm
 over vertices and frames of rollouts without edge lengths and collisions, corrected after pins and stretch
@@ -81,7 +81,7 @@ def main() -> None:
     model = trained_model(options.model)
     if "column_rnn" not in model.params:
         raise SystemExit(
-            f"swing_weight: {options.model} has no column RNN; train one with --stage column_rnn."
+            f"column_rnn_weight: {options.model} has no column RNN; train one with --stage column_rnn."
         )
     rows: list[dict] = []
     for path in options.clips:
