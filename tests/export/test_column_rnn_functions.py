@@ -50,7 +50,7 @@ def test_a_frame_is_that_of_the_whole_motion(degrees: float):
 @pytest.mark.parametrize("drawn", [(1.0, 1.0), (1.2, 0.05)])
 def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
     model, motion = column_rnn_model(), turned(50.0)
-    how = replace(model.config.rollout, gain=drawn[0], reach=drawn[1])
+    how = replace(model.config.rollout, amplitude=drawn[0], max_correction=drawn[1])
     model = model._replace(config=replace(model.config, rollout=how))
     tables_ = template(model)
     inputs = model_input(model, SCENE, tables_, seeds(), motion)

@@ -133,7 +133,7 @@ def test_a_correction_does_not_reach_farther_than_a_cells_scale(reach: float):
     largest = []
     for far in (1e-4, 0.5, 5.0, 1e6):
         X = cells + far * tables().scale * way
-        ring = {"tables": tables(), "weight": 1.0} | ({} if reach == 1.0 else {"reach": reach})
+        ring = {"tables": tables(), "weight": 1.0} | ({} if reach == 1.0 else {"max_correction": reach})
         made = corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), **ring)
         held = reach * np.tanh(far / reach)
         away = np.einsum("aij,ahi->ahj", tables().frames, held * tables().scale * way)
@@ -150,7 +150,7 @@ def test_a_gain_draws_out_what_is_away_from_the_template_and_nothing_else():
 
     def drawn(X: np.ndarray, gain: float) -> np.ndarray:
         made = corrected(
-            jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0, gain=gain
+            jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0, amplitude=gain
         )
         return np.asarray(made) - T
 
@@ -166,7 +166,7 @@ def test_its_gradient_is_finite_where_nothing_is_to_be_corrected():
     cells = cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables())
 
     def size(X: jax.Array) -> jax.Array:
-        V = corrected(jnp.asarray(T), X, jnp.asarray(ANCHOR), tables=tables(), weight=0.7, gain=1.06)
+        V = corrected(jnp.asarray(T), X, jnp.asarray(ANCHOR), tables=tables(), weight=0.7, amplitude=1.06)
         return jnp.square(V).sum()
 
     gradient = np.asarray(jax.grad(size)(cells))

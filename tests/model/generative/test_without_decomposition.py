@@ -20,6 +20,8 @@ from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 
 ONE: GenerativeConfig = replace(CONFIG.generative, decomposition=False, latent_dim=6)
 
+LATER = ("lengths", "column_rnn", "amplitude", "max_correction")  # of [rollout], all of them later ones
+
 
 @pytest.fixture(scope="module")
 def template() -> Template:
@@ -69,14 +71,14 @@ def test_hashes_from_before_the_key_hold() -> None:
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["column_rnn"], older["simulation"]
     del older["training"]["begin_from"], older["training"]["average"]
-    for key in ("lengths", "column_rnn", "gain", "reach"):
+    for key in LATER:
         del older["rollout"][key]
 
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(Config()) == hashlib.sha256(text).hexdigest()[:16]
     changes = ("--generative.decomposition=false", "--baselines.bones=7", "--column_rnn.steps=7")
-    changes += ("--rollout.gain=1.06", "--rollout.reach=1.5", "--training.begin_from=models/skirt")
-    for change in changes:
+    changes += ("--rollout.amplitude=1.06", "--rollout.max_correction=1.5")
+    for change in (*changes, "--training.begin_from=models/skirt"):
         assert content_hash(apply_overrides(Config(), [change])) != content_hash(Config())
 
 
@@ -88,8 +90,9 @@ def test_hashes_of_column_rnns_from_before_their_keys_hold() -> None:
     del older["generative"]["decomposition"], older["generative"]["skin_reach"]
     del older["baselines"], older["simulation"]
     del older["training"]["begin_from"], older["training"]["average"]
-    for key in ("lengths", "column_rnn", "gain", "reach"):
+    for key in LATER:
         del older["rollout"][key]
+    older["swing"] = older.pop("column_rnn")  # its name then
     text = json.dumps(older, sort_keys=True).encode()
     assert content_hash(has_column_rnn) == hashlib.sha256(text).hexdigest()[:16]
     for change in ("layers=1", "previous_state=false", "dropout=0.1", "motion_noise=0.1"):
