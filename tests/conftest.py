@@ -1,6 +1,9 @@
 """What every test shares: CPU, x64 off, warnings and silent broadcasting as errors, the shared data."""
 
 import gc
+
+gc.disable()  # until all is imported, see `pytest_collection_finish`
+
 import os
 import signal
 from collections.abc import Iterator
@@ -36,29 +39,38 @@ jax.config.update("jax_numpy_dtype_promotion", "standard")
 def pytest_collection_finish() -> None:
     """Put what jax, the package and all tests are made of out of the garbage collector's sight.
 
-    It goes through those millions of objects again and again otherwise, a tenth of the suite's time.
+    It goes through those millions of objects again and again otherwise, a tenth of the suite's time; and
+    where JAX traces it comes after every 700 new objects, a twentieth.
     """
-    gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
+    gc.enable()
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for what is made once a run: all workers have the same."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(autouse=True, scope="session")
-def solver_built_once() -> Iterator[None]:
-    """Collision handling's programs, by the name under which a user's cache would keep them.
+def programs_built_once(run_folder: Path) -> Iterator[None]:
+    """Rollouts' and collision handling's programs, by the names under which a user's cache would keep them.
 
     XLA's cache spares the tests compiling them again, but not tracing them: ten seconds, in dozens of tests.
     """
     from garment_jax import aot_cache
 
     known: dict[tuple[str, str], tuple] = {}
-    build = aot_cache.ProgramStore._built
+    build, kept = aot_cache.ProgramStore._built, aot_cache.ProgramStore(run_folder / "programs")
 
     def built(store, name: str, jitted, arguments: tuple, facts):
-        if store._folder is not None or not name.startswith("contacts"):
+        if store._folder is not None or not name.startswith(("rollout", "shape", "contacts")):
             return build(store, name, jitted, arguments, facts)
         key = name, aot_cache._key(arguments, facts)
         if key not in known:
-            known[key] = build(store, name, jitted, arguments, facts)
+            known[key] = build(kept, name, jitted, arguments, facts)
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:

@@ -288,7 +288,7 @@ def test_a_simulation_is_not_overwritten_and_an_earlier_run_is(tmp_path, thin, m
     assert simulated.read_bytes() == before
     for given in (thin, simulated):  # what comes of either may be made again
         for _ in range(2):
-            collide_file(given, tmp_path / "out.h5", iterations=1)
+            collide_file(given, tmp_path / "out.h5")
 
 
 def test_the_summary_names_the_frames_with_a_limb_through_the_cloth():

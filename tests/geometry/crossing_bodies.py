@@ -10,6 +10,7 @@ from garment_jax.body.kinematics import pose_body
 from garment_jax.geometry.winding_number import winding_number
 from garment_jax.procedural.mannequin import make_mannequin
 from garment_jax.structs import Motion, RiggedBody
+from tests.reference.kept import kept
 
 # joint: its turn against its parent, degrees about x (left), y (up) and z (front)
 POSES = {
@@ -35,11 +36,11 @@ def crossing_body(pose: str, resolution: float = 0.03) -> tuple[np.ndarray, np.n
 def numbered_points(pose: str) -> tuple[np.ndarray, np.ndarray]:
     """Return 34,000 points around the mannequin in that pose, in float32's digits, and their winding numbers.
 
-    By the sum of all solid angles, which takes ten seconds: once for all tests.
+    By the sum of all solid angles, which takes ten seconds.
     """
     vertices, faces = crossing_body(pose)
     points = points_around(vertices, faces, 34_000, seed=len(pose)).astype(np.float32).astype(np.float64)
-    return points, winding_number(points, vertices, faces)
+    return points, kept(winding_number, points, vertices, faces)
 
 
 def turned(body: RiggedBody, turns: Mapping[str, tuple[float, float, float]]) -> np.ndarray:
