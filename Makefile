@@ -14,6 +14,8 @@ WORKERS ?= 2
 DEMO ?= data/demo
 BIN := $(VENV)/bin
 TESTS := tests
+# Also run with XLA's optimisations, as users do; all tests run without them (tests/conftest.py says why).
+OPTIMISED := tests/geometry/test_bitset.py tests/postprocess/collision/test_contacts.py
 PREDICTIONS = $(RUN)/test
 MODEL ?= models/skirt
 
@@ -26,7 +28,10 @@ demo: setup
 	@$(MAKE) --no-print-directory judge MODEL=runs/demo RUN=runs/demo IMPORTED=$(DEMO)
 
 test: lint
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS)
+	@failed=0; \
+	JAX_DISABLE_MOST_OPTIMIZATIONS=0 $(BIN)/python -m pytest $(OPTIMISED) || failed=$$?; \
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(TESTS) || failed=$$?; \
+	exit $$failed
 
 setup: $(VENV)/ready
 
