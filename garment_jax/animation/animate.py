@@ -141,10 +141,12 @@ def animate_file(
     preroll: int = 0,
     plan: ScenePlan | None = None,
     store: ProgramStore | None = None,
+    animators: dict[tuple, Animator] | None = None,
 ) -> dict[str, float]:
     """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
 
-    `plan` says what to leave out (`make_plan`; made here if not given). Raises `ValueError` where `out` is
+    `plan` says what to leave out (`make_plan`; made here if not given). `animators` keeps what is compiled
+    for the next clip of the same model: pass one dictionary for all. Raises `ValueError` where `out` is
     `clip`, or is there and no prediction, which it would replace, and what `animate` refuses. Progress goes
     to standard error. The file appears when it is whole. Per frame it also holds how far the motion leaves
     the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
@@ -152,7 +154,7 @@ def animate_file(
     """
     check_animation_out(Path(out), Path(clip))
     with open_sequence(clip) as sequence:
-        return _animate_open(model, sequence, Path(out), detail, collision, preroll, plan, store)
+        return _animate_open(model, sequence, Path(out), detail, collision, preroll, plan, store, animators)
 
 
 def _animate_open(
@@ -164,6 +166,7 @@ def _animate_open(
     preroll: int,
     plan: ScenePlan | None,
     store: ProgramStore | None,
+    animators: dict[tuple, Animator] | None,
 ) -> dict[str, float]:
     check_input(sequence, joints=model.config.body.motion_joints)
     clip, scene, motion, name = sequence.path, sequence.scene, sequence.long_motion, sequence.name
@@ -175,15 +178,7 @@ def _animate_open(
     frames, deepest = 0, 0.0
     figures, known = None, 0
     attributes = {"kind": "predicted", "name": name}
-    run = make_animator(
-        model,
-        scene,
-        detail=plan.detail,
-        collision=plan.collision or plan.out_of_reach,
-        out_of_reach=plan.out_of_reach,
-        store=store,
-        name=str(clip),
-    )
+    run = _animator(model, scene, plan, store, str(clip), {} if animators is None else animators)
     pieces = run(motion, preroll=preroll, name=str(clip))
     writer = SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
     with FrameProgress(name) as progress, writer:
@@ -207,6 +202,29 @@ def _animate_open(
             file=sys.stderr,
         )
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
+
+
+def _animator(
+    model: Model,
+    scene: Scene,
+    plan: ScenePlan,
+    store: ProgramStore | None,
+    name: str,
+    known: dict[tuple, Animator],
+) -> Animator:
+    """Return what animates `scene` as planned, out of `known` where a clip before had the same."""
+    key = (rollout_hash(scene), plan.column_rnn, plan.detail, plan.collision, plan.out_of_reach)
+    if key not in known:
+        known[key] = make_animator(
+            model,
+            scene,
+            detail=plan.detail,
+            collision=plan.collision or plan.out_of_reach,
+            out_of_reach=plan.out_of_reach,
+            store=store,
+            name=name,
+        )
+    return known[key]
 
 
 def _column(frames: int, first: np.ndarray) -> np.ndarray:

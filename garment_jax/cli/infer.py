@@ -1,13 +1,15 @@
 """The work of `infer.py`: plan the scene, choose what fits the budget, read what is needed, animate."""
 
+import argparse
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from garment_jax.cli.xla_messages import hush_xla
 
 if TYPE_CHECKING:
+    from garment_jax.animation.animate import Animator
     from garment_jax.animation.plan import ScenePlan
     from garment_jax.animation.variants import Measured
     from garment_jax.aot_cache import Here
@@ -15,37 +17,103 @@ if TYPE_CHECKING:
     from garment_jax.structs import Motion, Scene
 
 
-def infer(
-    *,
-    model: str,
-    motion: str,
-    out: str | None,
-    no_column_rnn: bool = False,
-    no_detail: bool = False,
-    no_lengths: bool = False,
-    no_collision: bool = False,
-    preroll: int = 0,
-    plan: bool = False,
-    budget_ms: float | None = None,
-    lod: float | None = None,
-) -> Iterator[str]:
-    """Yield the lines to print. Raises `ValueError` or `OSError` in one sentence for what does not fit."""
+class Wanted(NamedTuple):
+    """What is to run of a model; the options of `infer.py`, shared with `garment-jax animate`."""
+
+    no_column_rnn: bool = False
+    no_detail: bool = False
+    no_lengths: bool = False
+    no_collision: bool = False
+    preroll: int = 0
+    plan: bool = False
+    budget_ms: float | None = None
+    lod: float | None = None
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `Wanted` holds."""
+    parser.add_argument("--no-column-rnn", action="store_true", help="move by codes alone, the paper's way")
+    parser.add_argument(
+        "--no-swing", dest="no_column_rnn", action="store_true", help=argparse.SUPPRESS
+    )  # its name before
+    parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
+    parser.add_argument("--no-lengths", action="store_true", help="leave edges as the networks have them")
+    parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
+    parser.add_argument(
+        "--preroll",
+        type=int,
+        default=0,
+        metavar="N",
+        help="frames from the canonical pose before the first (default 0)",
+    )
+    parser.add_argument(
+        "--plan", action="store_true", help="print what runs, what it costs here and what is left out"
+    )
+    parser.add_argument(
+        "--budget-ms", type=float, metavar="MS", help="take the most accurate measured variant that fits"
+    )
+    parser.add_argument(
+        "--lod", type=float, metavar="MM", help="what a pixel covers: leave out detail too fine to see"
+    )
+
+
+def wanted(options: argparse.Namespace) -> Wanted:
+    """Return what the options of `add_options` ask for."""
+    return Wanted(**{name: getattr(options, name) for name in Wanted._fields})
+
+
+class Opened(NamedTuple):
+    """A model that is opened for any number of motions; what they share is read and compiled once."""
+
+    path: str
+    facts: "ModelFacts"
+    here: "Here"
+    models: "dict[tuple[str, ...], Model]"  # by the parameters left out
+    animators: "dict[tuple, Animator]"  # by scene and plan, see `animation.animate`
+
+
+def open_model(model: str, *, lengths: bool = True) -> Opened:
+    """Open a run of `train.py`, a model's folder or a shipped model by its name; parameters come later.
+
+    `lengths` off leaves edges as the networks have them. Raises `ValueError` or `OSError` in one sentence.
+    """
     hush_xla()
-    from garment_jax.animation.plan import make_plan
     from garment_jax.aot_cache import warm_start
+    from garment_jax.model.shipped import find_model
+
+    path = str(find_model(model))
+    here = warm_start()
+    facts, whole = _facts(path)
+    if not lengths:
+        facts = _without_lengths(facts)
+    models = {} if whole is None else {(): _read(path, lengths=lengths, whole=whole)}
+    return Opened(path, facts, here, models, {})
+
+
+def infer(*, model: str, motion: str, out: str | None, **options: Any) -> Iterator[str]:
+    """Yield the lines to print; `options` are those of `Wanted`. Raises as `infer_motion`."""
     from garment_jax.io.overwrite_checks import check_animation_out
+
+    if out is not None:
+        check_animation_out(Path(out), Path(motion))  # before minutes of measuring
+    asked = Wanted(**options)
+    opened = open_model(model, lengths=not asked.no_lengths)
+    yield from infer_motion(opened, motion, out, asked)
+
+
+def infer_motion(opened: Opened, motion: str | Path, out: str | Path | None, asked: Wanted) -> Iterator[str]:
+    """Animate a sequence file's motion into `out` (None: nothing is written) and yield the lines to print.
+
+    Raises `ValueError` or `OSError` in one sentence for what does not fit.
+    """
+    from garment_jax.animation.animate import animate_file
+    from garment_jax.animation.plan import make_plan
     from garment_jax.io.sequence import open_sequence
     from garment_jax.io.validation import check_input
     from garment_jax.model.store import check_rate
 
-    if out is not None:
-        check_animation_out(Path(out), Path(motion))  # before minutes of measuring
-    here = warm_start()
-    facts, whole = _facts(model)
-    read = partial(_read, model, lengths=not no_lengths)
-    if no_lengths:
-        facts = _without_lengths(facts)
-        whole = whole and read(whole=whole)
+    model, facts, budget_ms = opened.path, opened.facts, asked.budget_ms
+    read = partial(_once, opened, lengths=not asked.no_lengths)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
         scene, moves = sequence.scene, sequence.long_motion
@@ -54,31 +122,43 @@ def infer(
             facts,
             scene,
             moves,
-            column_rnn=not no_column_rnn,
-            detail=not no_detail,
-            collision=not no_collision,
-            pixel_mm=lod,
-            detail_mm=None if lod is None else _detail_mm(model),
+            column_rnn=not asked.no_column_rnn,
+            detail=not asked.no_detail,
+            collision=not asked.no_collision,
+            pixel_mm=asked.lod,
+            detail_mm=None if asked.lod is None else _detail_mm(model),
         )
-        name = "whole model"
+        name, chosen = "whole model", None
         if budget_ms is not None:
             # with a column RNN that is not wanted, too: its variants have the names of the stored table
-            found = _within(budget_ms, model, whole or read(), scene, moves, scene_plan, here)
-            name, scene_plan, whole, line = found
+            found = _within(budget_ms, model, read(), scene, moves, scene_plan, opened.here)
+            name, scene_plan, chosen, line = found
             yield line
-        if plan:
-            planned = _as_planned(whole or read(), scene_plan)
-            yield from _explained(planned, scene, moves, scene_plan, name, here)
+        if asked.plan:
+            planned = _as_planned(chosen or read(), scene_plan)
+            yield from _explained(planned, scene, moves, scene_plan, name, opened.here)
     if out is None:
         return
-    from garment_jax.animation.animate import animate_file
-
-    if whole is None:
-        whole = read(scene_plan.leave_out)
-    figures = animate_file(whole, motion, out, preroll=preroll, plan=scene_plan, store=here.store)
+    figures = animate_file(
+        chosen or read(scene_plan.leave_out),
+        motion,
+        out,
+        preroll=asked.preroll,
+        plan=scene_plan,
+        store=opened.here.store,
+        animators=opened.animators if chosen is None else None,
+    )
     rate = figures["frames"] / figures["seconds"]
     took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
     yield f"{out}: {took}"
+
+
+def _once(opened: Opened, leave_out: tuple[str, ...] = (), *, lengths: bool) -> "Model":
+    """Return the model without the parameters `leave_out`, read once; the whole one serves, too."""
+    known = opened.models.get(leave_out) or opened.models.get(())
+    if known is None:
+        known = opened.models[leave_out] = _read(opened.path, leave_out, lengths=lengths)
+    return known
 
 
 def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
