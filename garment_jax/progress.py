@@ -50,6 +50,10 @@ class FrameProgress:
         ]
         self._write(", ".join([*parts, *filter(None, [note])]))
 
+    def begin(self, done: int) -> None:
+        """Count the speed from here, where `done` are there: those took the time of compiling."""
+        self._start, self._began = done, time.monotonic()
+
     def say(self, text: str) -> None:
         """Show on a terminal what is done before the first frame."""
         if self._terminal:

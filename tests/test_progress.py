@@ -37,6 +37,16 @@ def test_a_terminal_shows_frames_speed_and_time_left_and_is_left_clean(clock: li
     assert "\n" not in stream.getvalue()
 
 
+def test_the_time_of_compiling_is_no_speed_of_frames(clock: list[float]) -> None:
+    stream = Terminal()
+    with FrameProgress("walk_01", stream=stream) as show:
+        clock[0] += 600
+        show.begin(10)
+        clock[0] += 5
+        show(20, 40)
+    assert stream.getvalue().split("\r")[1].rstrip() == "walk_01: 20/40 frames, 2.0 frames/s, 0:10 left"
+
+
 def test_many_fast_frames_are_a_few_prints_a_second(clock: list[float]) -> None:
     stream = Terminal()
     with FrameProgress("walk_01", stream=stream) as show:

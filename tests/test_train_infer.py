@@ -101,7 +101,7 @@ def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, c
     cut = tmp_path / "cut.h5"
     cut.write_bytes(Path(clip).read_bytes()[:3000])
     for words, sentence in (
-        (["nowhere", "--motion", clip, "--out", out], "holds no config.toml"),
+        (["nowhere", "--motion", clip, "--out", out], "there is no model nowhere; name a folder, or"),
         ([model, "--motion", "nowhere.h5", "--out", out], "no such file"),
         ([model, "--motion", str(cut), "--out", out], "cut.h5"),
         ([model, "--motion", other, "--out", out], "112 vertices and the model was trained on 128"),

@@ -190,14 +190,17 @@ def _animate_open(
                 figures = figures or jax.tree.map(partial(_column, len(motion.root)), piece.collision)
                 jax.tree.map(partial(_put, frames - len(piece.V)), figures, piece.collision)
                 known += len(piece.V)
-            progress(frames, len(motion.root))
+            if frames == len(piece.V):  # the first: it waited for its programs
+                progress.begin(frames)
+            else:
+                progress(frames, len(motion.root))
         writer.add_per_frame("outside_training_range", outside)
         if figures is not None and known == frames:
             for column, values in per_frame_columns(figures).items():
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:
         print(
-            f"{clip}: the motion leaves the training range by up to {outside.max():.0%} of it "
+            f"{name}: the motion leaves the training range by up to {outside.max():.0%} of it "
             f"({worst}, frame {int(outside.argmax())}); expect less there.",
             file=sys.stderr,
         )

@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from garment_jax import __version__
 from garment_jax.cli import (
+    animate,
     benchmark,
     collide,
     evaluate,
@@ -36,6 +37,7 @@ LONGEST_SENTENCE = 4000  # characters; a table of joints takes fewer
 FAULT = 70  # of this package, as sysexits.h has it
 
 COMMANDS = (
+    animate,
     simulate,
     floor,
     import_,

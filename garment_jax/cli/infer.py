@@ -30,7 +30,7 @@ class Wanted(NamedTuple):
     lod: float | None = None
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that `Wanted` holds."""
     parser.add_argument("--no-column-rnn", action="store_true", help="move by codes alone, the paper's way")
     parser.add_argument(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.evaluation.animation import film_frames, save_gif
-from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
+from garment_jax.evaluation.colours import KINDS, PREDICTION, TRUTH, heat, round_scale
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
 from garment_jax.evaluation.drawn_by import WRITER, png_text
 from garment_jax.evaluation.error_curve import save_error_curve
@@ -188,7 +188,7 @@ def _rows(
     if len(clips) == 1:
         alone = []
         for k in range(len(bodies)):
-            alone.append(draw(garments[0], TRUTH, k))
+            alone.append(draw(garments[0], KINDS.get(_label(clips[0]), TRUTH), k))
             drawn()
         return [Row(_label(clips[0]), alone, [])], None
     pred, truth = garments

@@ -19,6 +19,7 @@ from garment_jax.structs import Garment, Motion, RiggedBody, Scene
 SMALLEST, LARGEST = 0.05, 5.0  # metres: extents of a garment or a body that wears it
 STILL = 1e-4  # metres (and radians): movement below this is none
 FARTHEST = 1e9  # of a coordinate in any unit: a number beyond is damage, and its square overflows
+FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 FASTEST = 30.0  # metres per second; the fastest sprinters reach 12
 
 

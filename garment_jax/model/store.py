@@ -17,7 +17,7 @@ from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import SeenBody, Statistics, Template, read_seen_body, scene_template
 from garment_jax.io.content_hash import garment_hash, mesh_hash
 from garment_jax.io.formats.npz import npz_names, read_npz
-from garment_jax.io.validation import check_same_garment
+from garment_jax.io.validation import FPS_TOLERANCE, check_same_garment
 from garment_jax.model.folder import (
     FACTS,
     PICTURE,
@@ -31,9 +31,6 @@ from garment_jax.model.folder import (
 )
 from garment_jax.model.scene_file import Sample, read_own_garment, write_sample
 from garment_jax.structs import Garment, Motion, Scene
-
-FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
-
 
 # what JSON of other values leads to
 _WRONG = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)

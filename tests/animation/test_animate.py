@@ -170,7 +170,7 @@ def test_a_motion_outside_the_training_range_is_named(tmp_path: Path, capsys):
     clip = write_clip(tmp_path / "run.h5", motion=fast, attributes={"name": "run"})
     animate_file(tiny_model(), clip, tmp_path / "out.h5", collision=False)
     said = capsys.readouterr().err
-    assert "run.h5: the motion leaves the training range by up to" in said
+    assert "run: the motion leaves the training range by up to" in said
     assert "velocity" in said
     assert training_range(tiny_model(), SCENE, make_motion(SCENE, 60))[0].max() == 0.0
 

@@ -15,9 +15,9 @@ def pixels(png: bytes) -> np.ndarray:
         return np.asarray(image).astype(float)
 
 
-def blue(image: np.ndarray) -> float:
+def red(image: np.ndarray) -> float:
     """The part of the picture that the cloth's colour covers."""
-    return float((image[..., 2] > 1.5 * image[..., 0]).mean())
+    return float((image[..., 0] > 1.5 * image[..., 2]).mean())
 
 
 def test_body_and_cloth_are_in_the_picture():
@@ -27,5 +27,5 @@ def test_body_and_cloth_are_in_the_picture():
     above = scene.garment.template + np.array([0, 9, 0], np.float32)
     posed = pixels(frame_portrait(scene, motion, 3, above, height=64))
     assert canonical.shape[0] == posed.shape[0] == 64
-    assert 0.05 < blue(canonical) < 0.5
-    assert blue(posed) == 0  # the picture is of the body
+    assert 0.05 < red(canonical) < 0.5
+    assert red(posed) == 0  # the picture is of the body

@@ -1,0 +1,222 @@
+"""`garment-jax animate`: a model and a motion become an animation in the format that its name says."""
+
+import argparse
+import os
+import sys
+import webbrowser
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from garment_jax.cli.infer import Opened, Wanted, add_options, infer_motion, open_model, wanted
+from garment_jax.cli.outputs import ENDINGS, Output, plan_outputs
+from garment_jax.cli.pairs import LeftOut
+from garment_jax.cli.written_as import NEXT, Shape, check_able, write_as
+
+if TYPE_CHECKING:
+    from garment_jax.importers.sources import Options
+    from garment_jax.model.scene_file import Sample
+
+EXAMPLES = """examples:
+  garment-jax animate skirt                            its sample motion, as a page
+  garment-jax animate skirt walk.bvh --out walk.glb    for Blender; also .usdc .abc .pc2 .mdd .mp4 ...
+  garment-jax animate skirt moves/ --out made/ --format usd"""
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    parser = commands.add_parser(
+        "animate",
+        help="animate a model's garment on motions: a page, a film, or a file for other programs",
+        description="Motions (BVH, glTF, AMASS, AIST++, sequence files) are put on the model's body, at its "
+        "frame rate, and the garment follows.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("model", help="a shipped model's name (see garment-jax models), a model or a run")
+    parser.add_argument(
+        "motions",
+        nargs="*",
+        type=Path,
+        metavar="MOTION",
+        help="files or folders (default: the model's sample)",
+    )
+    parser.add_argument(
+        "--out", help="file, its ending says the format, or folder (default: MOTION's name + .html, here)"
+    )
+    parser.add_argument("--format", choices=tuple(ENDINGS), help="where --out is a folder (default html)")
+    parser.add_argument("--force", action="store_true", help="replace what is there")
+    parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
+    _add_motion_options(parser.add_argument_group("the motions"))
+    add_options(parser.add_argument_group("the model"))
+    group = parser.add_argument_group("what is written")
+    group.add_argument("--no-body", action="store_true", help="the garment alone")
+    group.add_argument("--out-unit", choices=("m", "cm", "mm"), help="of meshes (default m)")
+    group.add_argument("--out-up", choices=("Y", "Z"), help="axis of meshes that points upwards (default Y)")
+    group.add_argument("--height", type=int, default=480, help="pixels of a picture or film (default 480)")
+    group.add_argument("--every", type=int, metavar="N", help="glb: every Nth frame becomes a morph target")
+    group.add_argument("--blender", help="abc: a blender executable, or a Python with bpy")
+    parser.set_defaults(run=run)
+
+
+def _add_motion_options(group: argparse._ActionsContainer) -> None:
+    group.add_argument("--joints", type=Path, help="table of joint names, .toml")
+    group.add_argument("--source-fps", type=float, help="true rate, where a file lies or does not say")
+    group.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
+    group.add_argument("--rest-frame", type=int, help="frame that is a T- or A-pose: the rest pose")
+    group.add_argument("--motion-unit", help="m, cm, mm, in or metres per unit")
+    group.add_argument("--motion-up", choices=("Y", "Z"), help="up axis")
+    group.add_argument("--animation", metavar="NAME", help="the one to take of a glTF that holds several")
+    group.add_argument("--motion-mesh", metavar="NAME", help="whose motion, in a glTF that holds several")
+    group.add_argument("--motion-skeleton", metavar="NAME", help="root joint, or skin, of such a motion")
+    group.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run it."""
+    from garment_jax.model.shipped import find_model
+
+    folder = find_model(options.model)
+    motions = list_files(options.motions)
+    name = folder.resolve().name
+    o = options
+    shape = Shape(not o.no_body, o.out_unit, o.out_up, o.blender, o.height, o.every)
+    outputs = plan_outputs(motions, options.out, options.format, name=name, force=options.force)
+    planning = options.plan and options.out is None  # as infer.py: then nothing is written
+    check_able({output.format for output in outputs}, shape)
+    for output in outputs:
+        what = "its sample motion" if output.motion is None else str(output.motion)
+        print(f"{name} on {what}{'' if planning else f' -> {output.path}'}", flush=True)
+    _animate(folder, outputs, shape, options, planning)
+
+
+def list_files(paths: Sequence[Path]) -> list[Path | None]:
+    """Return the motions named, and those in the folders named; `[None]`, the sample, for none.
+
+    Raises `FileNotFoundError` for what is not there and for a folder without motions.
+    """
+    if not paths:
+        return [None]
+    from garment_jax.importers.kinds import list_clips
+
+    return [*list_clips(paths, "motion")]
+
+
+def _animate(
+    folder: Path, outputs: Sequence[Output], shape: Shape, options: argparse.Namespace, planning: bool
+) -> None:
+    from garment_jax.model.scene_file import read_sample
+    from garment_jax.storage.scratch import scratch, unmade
+
+    asked = wanted(options)
+    opened = open_model(str(folder), lengths=not asked.no_lengths)
+    sample = read_sample(folder)
+    left_out = LeftOut(len(outputs))
+    for output in outputs:
+        into = output.path.parent
+        with left_out.reading(output.motion or folder), unmade(into), scratch(into) as place, _without(place):
+            _animate_one(opened, sample, output, shape, options, asked, place, planning)
+    left_out.check()
+
+
+@contextmanager
+def _without(place: Path) -> Iterator[None]:
+    """Leave the scratch folder, which nobody knows, out of what is refused."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        if f"{place}{os.sep}" not in str(error):
+            raise
+        raise ValueError(str(error).replace(f"{place}{os.sep}", "")) from error
+
+
+def _animate_one(
+    opened: Opened,
+    sample: "Sample | None",
+    output: Output,
+    shape: Shape,
+    options: argparse.Namespace,
+    asked: Wanted,
+    place: Path,
+    planning: bool,
+) -> None:
+    """Animate one motion in the scratch folder `place` and move the result to its place."""
+    moving, notes = motion_file(opened, sample, output.motion, motion_options(options), place)
+    for note in notes:
+        print(note, flush=True)
+    title = output.path.stem if output.motion is None else output.motion.stem
+    made = None if planning else place / f"{title}.animation.h5"
+    for line in infer_motion(opened, moving, made, asked):
+        print(line.replace(f"{made}: ", f"{title}: "), flush=True)
+    if made is None:
+        return
+    files = write_as(made, output, shape, place, title=title, force=options.force)
+    size = sum(p.stat().st_size for file in files for p in ([file] if file.is_file() else file.rglob("*")))
+    print(f"{', '.join(map(str, files))}: {size / 1e6:.1f} MB; next: {NEXT[output.format]}", flush=True)
+    if output.format == "html" and options.out is None and not options.no_open:
+        open_page(files[0])
+
+
+def motion_options(options: argparse.Namespace) -> "Options":
+    """Return what the user says of the motions' files."""
+    from garment_jax.importers.sources import Options
+
+    def of_motion(value: str | None) -> dict[str, str]:
+        return {} if value is None else {"motion": value}
+
+    return Options(
+        joints=options.joints,
+        source_fps=options.source_fps,
+        skip=options.skip,
+        rest_frame=options.rest_frame,
+        floor=not options.keep_height,
+        unit=of_motion(options.motion_unit),
+        up=of_motion(options.motion_up),
+        animation=options.animation,
+        mesh=of_motion(options.motion_mesh),
+        skeleton=of_motion(options.motion_skeleton),
+    )
+
+
+def motion_file(
+    opened: Opened, sample: "Sample | None", motion: Path | None, own: "Options", place: Path
+) -> tuple[Path, tuple[str, ...]]:
+    """Return a sequence file of a motion in the model's scene, and what was decided for the user.
+
+    That is the model's own scene file for no motion, and a sequence file of the model's garment and rate as
+    it stands, with its own body; any other motion is put on the model's body, written into `place`.
+    Raises `ValueError` where the model keeps no scene, and for what cannot be read or put on its body.
+    """
+    from garment_jax.importers.motion_clips import of_same_garment, put_on
+    from garment_jax.io.sequence_writer import SequenceWriter
+    from garment_jax.model.scene_file import SCENE
+
+    fps = opened.facts.fps
+    untouched = own._replace(floor=True) == type(own)(floor=True)
+    if motion is None:
+        if sample is not None:
+            return Path(opened.path) / SCENE, ()
+    elif (
+        motion.suffix.lower() == ".h5"
+        and untouched
+        and (sample is None or of_same_garment(motion, sample.scene.garment, fps))
+    ):
+        return motion, ()
+    if motion is None or sample is None:
+        raise ValueError(
+            f"{opened.path} holds no {SCENE}, so its garment and body are not known; give a sequence file of "
+            f"them as the motion, or save the model again: garment-jax save {opened.path} --scene CLIP.h5."
+        )
+    clip = put_on(motion, sample.scene, fps=fps, options=own)
+    path = place / f"{motion.stem}.motion.h5"
+    with SequenceWriter(path, sample.scene, clip.motion, encoding="none", attributes={"name": motion.stem}):
+        pass
+    return path, clip.notes
+
+
+def open_page(page: Path) -> None:
+    """Open a page in the user's browser, where there is a screen."""
+    screen = sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    if screen and webbrowser.open(page.resolve().as_uri()):
+        print("opened in the browser (--no-open leaves that out)", flush=True)

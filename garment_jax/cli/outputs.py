@@ -1,0 +1,124 @@
+"""What an animation is written as, by the name of the output: which file, and whether it may be written."""
+
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+ENDINGS = {  # of each format; the first is what a name gets that is made here
+    "html": (".html", ".htm"),
+    "glb": (".glb",),
+    "usd": (".usdc", ".usd", ".usda", ".usdz"),
+    "abc": (".abc",),
+    "pc2": (".pc2",),
+    "mdd": (".mdd",),
+    "obj": (".obj",),  # a folder, one file a frame
+    "npz": (".npz",),
+    "h5": (".h5",),
+    "mp4": (".mp4",),
+    "gif": (".gif",),
+    "png": (".png",),
+}
+_OBJ_FRAME = re.compile(r"(garment|body)_\d+\.obj")
+
+
+class Output(NamedTuple):
+    """One motion's animation."""
+
+    motion: Path | None  # None: the model's own sample
+    path: Path
+    format: str  # one of ENDINGS
+
+
+def plan_outputs(
+    motions: Sequence[Path | None], out: str | None, format: str | None, *, name: str, force: bool
+) -> list[Output]:
+    """Return where each motion's animation goes, `name` being the sample's.
+
+    `out` is a file for one motion, by whose ending the format is known, or a folder. Without it files go
+    into the current folder, named as their motions. Raises `ValueError` for an ending that is none, two
+    motions of one name, what would be overwritten without `force`, and a motion that would be at all.
+    """
+    stems = [name if motion is None else motion.stem for motion in motions]
+    given = format_of(out) if out is not None else None
+    if given is not None and out is not None and (len(motions) == 1 or format is None):
+        if len(motions) > 1:
+            raise ValueError(
+                f"--out {out} is one file and there are {len(motions)} motions; name a folder, and --format "
+                f"{given}."
+            )
+        if format not in (None, given):
+            raise ValueError(f"--out {out} ends as {given} does, not {format}; leave --format {format} out.")
+        outputs = [Output(motions[0], Path(out), given)]
+    else:
+        if out is not None and not out.endswith(("/", "\\")) and not Path(out).is_dir() and Path(out).suffix:
+            endings = ", ".join(known[0] for known in ENDINGS.values())
+            raise ValueError(f"--out {out}: its ending names no format; end it in {endings}.")
+        chosen, folder = format or "html", Path(out or ".")
+        outputs = [
+            Output(motion, folder / f"{stem}{ENDINGS[chosen][0]}", chosen)
+            for motion, stem in zip(motions, stems, strict=True)
+        ]
+    _check(outputs, force)
+    return outputs
+
+
+def format_of(out: str) -> str | None:
+    """Return the format that a name's ending says; None for a folder's."""
+    suffix = Path(out).suffix.lower()
+    found = next((name for name, endings in ENDINGS.items() if suffix in endings), None)
+    return None if found != "obj" and (out.endswith(("/", "\\")) or Path(out).is_dir()) else found
+
+
+def _check(outputs: Sequence[Output], force: bool) -> None:
+    seen: dict[Path, Output] = {}
+    for output in outputs:
+        path = output.path.resolve()
+        if path in seen:
+            raise ValueError(
+                f"{seen[path].motion} and {output.motion} would both be {output.path}; rename one of them."
+            )
+        seen[path] = output
+        for motion in (other.motion for other in outputs):
+            if motion is not None and motion.resolve() == path:
+                raise ValueError(f"{output.path} holds the motion itself; write the animation elsewhere.")
+        for made in companions(output):
+            check_free(made, force)
+
+
+def companions(output: Output) -> list[Path]:
+    """Return the files that an output is known to have."""
+    if output.format not in ("pc2", "mdd"):
+        return [output.path]
+    body = output.path.with_name(f"{output.path.stem}_body{output.path.suffix}")
+    return [path for cache in (output.path, body) for path in (cache, cache.with_suffix(".obj"))]
+
+
+def check_free(path: Path, force: bool) -> None:
+    """Raise `ValueError` where `path` is there and may not be replaced; of folders only frames may be."""
+    if not path.exists():
+        return
+    if path.is_dir():
+        files = [file for file in path.rglob("*") if not file.is_dir()]
+        if any(not _OBJ_FRAME.fullmatch(file.name) for file in files):
+            raise ValueError(f"{path} is a folder that holds other files; name another --out.")
+        if not files:
+            return
+    if not force:
+        raise ValueError(f"{path} is there already; --force replaces it, or name another --out.")
+
+
+def move_into_place(made: Sequence[Path], folder: Path, *, force: bool) -> list[Path]:
+    """Move whole files, or folders, into `folder` and return their new paths.
+
+    Raises `ValueError` before anything is moved where one may not be replaced.
+    """
+    targets = [folder / path.name for path in made]
+    for target in targets:
+        check_free(target, force)
+    for path, target in zip(made, targets, strict=True):
+        if target.is_dir():
+            shutil.rmtree(target)
+        path.replace(target)
+    return targets

@@ -1,0 +1,266 @@
+"""`garment-jax animate`: from a model's name and a motion to a file, in one command."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from garment_jax.animation.animate import make_animator
+from garment_jax.cli import animate, main
+from garment_jax.io.sequence import SequenceWriter, open_sequence
+from garment_jax.model.scene_file import Sample, sample_of, write_sample
+from garment_jax.model.shipped import find_model
+from garment_jax.model.store import save_model
+from tests.animation.tiny_model import SCENE, tiny_model
+from tests.reference.files import write_bvh
+from tests.reference.scene import make_motion, make_scene, write_clip
+
+FRAMES = 10
+SAMPLE = Sample(SCENE, make_motion(SCENE, FRAMES), "polka")
+FAST = ["--no-collision", "--no-detail"]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(save_model(tiny_model(), tmp_path_factory.mktemp("models") / "tiny", sample=SAMPLE))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(animate, "open_page", lambda page: print(f"opened {page}"))
+    return tmp_path
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The template carried by the root in place of the networks: the tests are of what surrounds them."""
+
+    def carried(opened, motion, out, asked):
+        with open_sequence(motion) as clip:
+            about = {"kind": "predicted", "name": clip.name}
+            with SequenceWriter(out, clip.scene, clip.motion, attributes=about) as writer:
+                place = clip.scene.garment.template - clip.scene.body.joints[0]
+                writer.append(place[None] + clip.motion.root[:, None])
+        yield f"{out}: {len(clip.motion.root)} frames in no time"
+
+    monkeypatch.setattr(animate, "infer_motion", carried)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def vertices(path: Path) -> np.ndarray:
+    with open_sequence(path) as sequence:
+        return sequence.read(0, sequence.frames)
+
+
+def test_the_sample_becomes_a_page_that_is_opened(model: str, here: Path, quick, capsys):
+    assert main(["animate", model, *FAST]) == 0
+    said = capsys.readouterr().out
+    assert said.splitlines()[0] == "tiny on its sample motion -> tiny.html"
+    assert f"tiny: {FRAMES} frames in" in said
+    assert "tiny.html: 0." in said
+    assert said.endswith("MB; next: open it in a browser\nopened tiny.html\n")
+    assert names(here) == ["tiny.html"]  # nothing else is left
+    assert 'content="garment-jax view"' in (here / "tiny.html").read_text()[:2000]
+    assert main(["animate", model, *FAST, "--no-open"]) == 2
+    assert "tiny.html is there already; --force replaces it" in capsys.readouterr().err
+    assert main(["animate", model, *FAST, "--no-open", "--force"]) == 0
+    assert "opened" not in capsys.readouterr().out
+
+
+def test_a_motion_file_on_the_models_own_skeleton_is_animated_as_its_frames_are(
+    model: str, here: Path, quick
+):
+    """A BVH in centimetres at 60 fps: the frames between are left out, and the body is where it was."""
+    twice = make_motion(SCENE, 2 * FRAMES)._replace(fps=60.0)
+    write_bvh(here / "walk.bvh", SCENE.body, twice)
+    assert main(["animate", model, "walk.bvh", "--out", "a.h5", "--keep-height", *FAST]) == 0
+    with open_sequence(here / "a.h5") as made:
+        assert (made.fps, made.name, made.attributes["kind"]) == (30.0, "walk", "predicted")
+        np.testing.assert_allclose(made.motion.rotations, twice.rotations[::2][: made.frames], atol=1e-5)
+        moved = twice.root - twice.root[0] * [1, 0, 1]
+        np.testing.assert_allclose(made.motion.root, moved[::2][: made.frames], atol=1e-5)
+    clip = twice._replace(rotations=twice.rotations[::2], root=twice.root[::2], fps=30.0)
+    write_clip(here / "same.h5", scene=SCENE, motion=clip)
+    assert main(["animate", model, "same.h5", "--out", "b.h5", *FAST]) == 0
+    moved = np.asarray(clip.root[0] * [1, 0, 1], np.float32)
+    np.testing.assert_allclose(vertices(here / "a.h5") + moved, vertices(here / "b.h5")[:FRAMES], atol=2e-4)
+
+
+def test_a_folder_of_motions_becomes_a_folder_of_files_and_compiles_once(model: str, here: Path, monkeypatch):
+    made = []
+
+    def counted(*arguments, **options):
+        made.append(1)
+        return make_animator(*arguments, **options)
+
+    monkeypatch.setattr(sys.modules["garment_jax.animation.animate"], "make_animator", counted)
+    (here / "moves").mkdir()
+    for name, frames in (("a", 8), ("b", 12)):
+        write_bvh(here / "moves" / f"{name}.bvh", SCENE.body, make_motion(SCENE, frames))
+    assert main(["animate", model, "moves", "--out", "made", "--format", "npz", *FAST, "--no-body"]) == 0
+    assert names(here / "made") == ["a.npz", "b.npz"]
+    for name, frames in (("a", 8), ("b", 12)):
+        with np.load(here / "made" / f"{name}.npz") as arrays:
+            assert arrays["vertices"].shape == (frames, len(SCENE.garment.template), 3)
+            assert "body_vertices" not in arrays
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize(
+    ("out", "files"),
+    [
+        ("a.pc2", ["a.obj", "a.pc2", "a_body.obj", "a_body.pc2"]),
+        ("a.glb", ["a.glb"]),
+        ("a.obj/", ["a.obj"]),
+        ("a.png", ["a.png"]),
+    ],
+)
+def test_every_ending_is_written_and_replaced_with_force_alone(
+    model: str, here: Path, quick, out: str, files, capsys
+):
+    words = ["animate", model, "--out", out, *FAST, "--height", "48"]
+    assert main(words) == 0
+    assert names(here) == files
+    if out == "a.obj/":
+        assert len(list((here / "a.obj").glob("garment_*.obj"))) == FRAMES
+    capsys.readouterr()
+    assert main(words) == 2
+    assert "is there already; --force replaces it" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+    assert names(here) == files
+
+
+def test_a_long_glb_takes_as_many_frames_as_viewers_do(model: str, here: Path, quick, monkeypatch, capsys):
+    monkeypatch.setattr("garment_jax.export.glb.MOST_TARGETS", 4)
+    assert main(["animate", model, "--out", "a.glb"]) == 0
+    assert "a.glb: every 3th frame is a morph target" in capsys.readouterr().out
+    assert main(["animate", model, "--out", "b.glb", "--every", "0"]) == 2
+    assert "error: b.animation.h5: frames 0 " in capsys.readouterr().err  # no scratch folder's name
+    assert names(here) == ["a.glb"]
+
+
+def test_a_gif_has_the_clips_length(model: str, here: Path, quick):
+    from PIL import Image
+
+    assert main(["animate", model, "--out", "a.gif", "--height", "32", *FAST]) == 0
+    with Image.open(here / "a.gif") as film:
+        assert (film.height, film.n_frames) == (32, FRAMES // 2)
+
+
+def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys):
+    monkeypatch.setattr("garment_jax.cli.infer._explained", lambda *a: ["the plan"])
+    assert main(["animate", model, "--plan"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == "the plan"
+    assert names(here) == []
+
+
+def refused(words: list[str], capsys) -> str:
+    assert main(["animate", *words]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    return next(line for line in lines if line.startswith("error: "))
+
+
+def test_what_does_not_fit_is_a_sentence_and_leaves_nothing(model: str, here: Path, capsys):
+    walk = write_bvh(here / "walk.bvh", SCENE.body, make_motion(SCENE, 4))
+    other = write_bvh(here / "sub.bvh", SCENE.body, make_motion(SCENE, 4))
+    (here / "x").mkdir()
+    shutil.copy(walk, here / "x" / "walk.bvh")
+    before = names(here)
+    assert "there is no model skrit" in refused(["skrit"], capsys)
+    assert "no such file" in refused([model, "run.bvh"], capsys)
+    assert "--out a.xyz: its ending names no format; end it in .html, .glb" in refused(
+        [model, "walk.bvh", "--out", "a.xyz"], capsys
+    )
+    assert "is one file and there are 2 motions; name a folder, and --format glb" in refused(
+        [model, str(walk), str(other), "--out", "a.glb"], capsys
+    )
+    assert "would both be walk.html; rename" in refused([model, "walk.bvh", "x/walk.bvh"], capsys)
+    assert "--out a.glb ends as glb does, not usd" in refused(
+        [model, "walk.bvh", "--out", "a.glb", "--format", "usd"], capsys
+    )
+    assert "--out-unit cm is for meshes, not for html" in refused([model, "--out-unit", "cm"], capsys)
+    assert "--every 2 is for .glb" in refused([model, "--every", "2"], capsys)
+    same = write_clip(here / "clip.h5", scene=SCENE, motion=make_motion(SCENE, 4))
+    assert "clip.h5 holds the motion itself" in refused(
+        [model, str(same), "--out", "clip.h5", "--force"], capsys
+    )
+    same.unlink()
+    assert names(here) == before
+
+
+def test_motions_that_no_body_makes_are_refused(model: str, here: Path, quick, capsys):
+    motion = make_motion(SCENE, 12)
+    root = motion.root.copy()
+    root[0] += [0, 0, 5.0]
+    write_bvh(here / "jump.bvh", SCENE.body, motion._replace(root=root))
+    assert "m/s" in refused([model, "jump.bvh", *FAST], capsys)
+    rotations = motion.rotations.copy()
+    rotations[0] = np.diag(np.array([-1, -1, 1], np.float32)) @ rotations[0]  # on its head, then on its feet
+    write_bvh(here / "rest.bvh", SCENE.body, motion._replace(rotations=rotations))
+    said = refused([model, "rest.bvh", *FAST], capsys)
+    assert "moves at" in said
+    assert "at 0.03 s; drop a rest pose before the motion with --skip" in said
+    text = (here / "jump.bvh").read_text().splitlines()
+    text[-1] = " ".join(["nan", *text[-1].split()[1:]])
+    (here / "nan.bvh").write_text("\n".join(text))
+    assert "nan.bvh" in refused([model, "nan.bvh", *FAST], capsys)
+    assert not list(here.glob("*.html"))
+
+
+def test_a_model_without_its_scene_takes_clips_of_its_garment_alone(here: Path, quick, capsys):
+    bare = str(save_model(tiny_model(), here / "bare"))
+    assert "bare holds no scene.h5, so its garment and body are not known" in refused([bare], capsys)
+    write_bvh(here / "walk.bvh", SCENE.body, make_motion(SCENE, 4))
+    assert "garment-jax save" in refused([bare, "walk.bvh"], capsys)
+    write_clip(here / "clip.h5", scene=SCENE, motion=make_motion(SCENE, 4))
+    assert main(["animate", bare, "clip.h5", "--out", "a.h5", *FAST]) == 0
+
+
+def test_a_clip_of_another_garment_lends_its_motion_alone(model: str, here: Path, quick):
+    other = make_scene(6, 12)
+    write_clip(here / "clip.h5", scene=other, motion=make_motion(other, 6))
+    assert main(["animate", model, "clip.h5", "--out", "a.h5", "--keep-height", *FAST]) == 0
+    with open_sequence(here / "a.h5") as made:
+        assert len(made.scene.garment.template) == len(SCENE.garment.template)
+        np.testing.assert_allclose(made.motion.rotations, make_motion(other, 6).rotations, atol=1e-5)
+
+
+def test_ctrl_c_leaves_nothing(model: str, here: Path, quick, monkeypatch):
+    def stopped(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("garment_jax.cli.animate.write_as", stopped)
+    assert main(["animate", model, "--out", "made/new/a.h5", *FAST]) == 130
+    assert names(here) == []
+
+
+def test_one_motion_of_several_that_fails_does_not_stop_the_others(model: str, here: Path, quick, capsys):
+    (here / "moves").mkdir()
+    write_bvh(here / "moves" / "a.bvh", SCENE.body, make_motion(SCENE, 4))
+    (here / "moves" / "b.bvh").write_text("no motion")
+    assert main(["animate", model, "moves", "--format", "h5", "--out", "made/", *FAST]) == 2
+    assert names(here / "made") == ["a.h5"]
+    assert "left out: b.bvh" in capsys.readouterr().err
+
+
+def test_the_shipped_skirt_moves(here: Path):
+    """Its own ten seconds, cut to eight frames: networks alone, for the collision solver compiles long."""
+    skirt = find_model("skirt")
+    with open_sequence(skirt / "scene.h5") as clip:
+        sample = sample_of(clip, seconds=8 / 30)
+    write_sample(here, sample)
+    assert main(["animate", "skirt", "scene.h5", "--out", "a.h5", "--no-lengths", *FAST]) == 0
+    V, template = vertices(here / "a.h5"), sample.scene.garment.template
+    assert V.shape == (8, 2800, 3)
+    edges = sample.scene.garment.faces[:, :2]
+    long, rest = (
+        np.linalg.norm(x[..., edges[:, 0], :] - x[..., edges[:, 1], :], axis=-1) for x in (V, template)
+    )
+    assert np.abs(long / rest - 1).mean() < 0.05
+    assert np.abs(V - sample.motion.root[:, None]).max() < 1.2
