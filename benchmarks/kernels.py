@@ -8,7 +8,7 @@ end of every operation takes longer than most of them; samples of the processor'
 writes each kernel's code into a file, where it lies in memory is found by its bytes, and the program's text
 says which function of ours (`geometry/noinline.py`) it belongs to. Microseconds are a function's share of the
 samples of the frame's time, which is measured without them; a function's copies in the program count as one,
-and of kernels with the same code any may be named ("_marks" for "_words"). "runtime" is XLA's own: starting
+and of kernels with the same code any may be named. "runtime" is XLA's own: starting
 kernels, matrix products, minima; "other" the C library and the kernel.
 """
 
@@ -167,7 +167,7 @@ def main() -> None:
         raise SystemExit("perf is not to be found; install linux-perf (Debian) or linux-tools (Ubuntu).")
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        dump = f"--xla_dump_to={folder} --xla_dump_hlo_module_re=jit_resolve"
+        dump = f"--xla_dump_to={folder} --xla_dump_hlo_module_re=jit_run"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {dump}"
         jax.config.update("jax_enable_compilation_cache", False)  # what is only read back is not written
         clip = collision.read(options.sequence, options)
@@ -187,8 +187,8 @@ def main() -> None:
             return 1e6 * (time.perf_counter() - began) / STRETCH / len(ready[1:])
 
         frame_us = min(again() for _ in range(10))
-        text = next(folder.glob("*jit_resolve*after_optimizations.txt")).read_text()
-        every = [kernel for path in sorted(folder.glob("*jit_resolve*.o")) for kernel in kernels(path)]
+        text = next(folder.glob("*jit_run*after_optimizations.txt")).read_text()
+        every = [kernel for path in sorted(folder.glob("*jit_run*.o")) for kernel in kernels(path)]
         found = located(every, list(code_in_memory()))
         parts = shares(sampled(again, options.seconds, folder), found, functions(text))
     rows = [{"function": name, "us": frame_us * part, "share": part} for name, part in parts.items()]

@@ -2,7 +2,9 @@
 
 The derivative of a gather is a scatter, which XLA runs one element after the other on a CPU (five
 times the forward pass, measured on the shared skirt). The operator never changes, so its transpose is made
-once and the backward pass is a gather too. Laplacian and UV maps are such operators.
+once and the backward pass is a gather too. Laplacian and UV maps are such operators. Two Laplacians
+are written anew where this one is too slow: `elastic` in bands, with the coordinates first and the neighbours
+gathered once for the edges as well; `postprocess.collision.region` on the few vertices that a frame moves.
 """
 
 from typing import NamedTuple

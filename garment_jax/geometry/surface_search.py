@@ -113,19 +113,22 @@ def search(
     limit: Float[Array, "s g"],
     surface: PosedSurface,
     tables: SurfaceTables,
-    words: UInt32[Array, "w g"] | None = None,
     *,
     at_once: int = PAIRS,
 ) -> Nearest:
     """Return the nearest triangle of each point within its own `limit` (metres; below 0: not asked).
 
-    `words` are the branches that may matter to a group (`branches_within`), where they are known;
     `at_once`: how many pairs of a group and a branch are taken at a time, fewer for few groups.
     `points` are relative to `surface.origin`. In float32, of triangles whose squared distances
     differ by less than two millionths, either may be returned. Not differentiable.
     """
-    words = _marks(points, limit, surface) if words is None else words
-    found = _tested(*_rows(words, points, limit), *_nothing_found(limit), points, surface, at_once)
+    found = _tested(
+        *_rows(_marks(points, limit, surface), points, limit),
+        *_nothing_found(limit),
+        points,
+        surface,
+        at_once,
+    )
     return _nearest(*found, limit)
 
 
@@ -309,8 +312,8 @@ def branches_within(gap_squared: Float[Array, "w g"], widest: Float[Array, " g"]
 @noinline
 def _marks(points: Float[Array, "3 s g"], limit: Float[Array, "s g"], surface: PosedSurface) -> Array:
     """Return the marks `[w / 32, g]` of the pairs of a group and a branch that may hold a closest point."""
-    gap = branch_gap_squared(*group_boxes(points, limit >= 0), surface)
-    return branches_within(gap, limit.max(axis=0))
+    low, high, widest = fusion_barrier((*group_boxes(points, limit >= 0), limit.max(axis=0)))
+    return branches_within(branch_gap_squared(low, high, surface), widest)
 
 
 @noinline

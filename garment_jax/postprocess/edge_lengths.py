@@ -66,10 +66,6 @@ def restore_lengths(
     P, finite = ordered(V.T, tables), jnp.isfinite(V).all()
     edges, movable = edges_of(P, tables), ordered(free, tables)
 
-    def moving(carry: tuple[Array, ...]) -> Array:
-        _, _, _, moved, steps = carry
-        return finite & (moved > STILL**2) & (steps < STEPS)
-
     def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         x, y, theta, _, steps = carry
         downhill = elastic_gradient(y, edges, tables) / tables.lipschitz
@@ -78,6 +74,10 @@ def restore_lengths(
 
     one = jnp.ones((), P.dtype)
     x = FADE * state.x
-    x, _, _, _, steps = jax.lax.while_loop(moving, step, (x, x, one, one, jnp.int32(0)))
+    x, _, _, _, steps = jax.lax.while_loop(
+        lambda carry: finite & (carry[3] > STILL**2) & (carry[4] < STEPS),
+        step,
+        (x, x, one, one, jnp.int32(0)),
+    )
     kept = jnp.clip(jnp.where(finite, x, state.x), -FARTHEST, FARTHEST)
     return LengthState(kept), jnp.where(finite, disordered(P + x, tables).T, V), steps

@@ -99,13 +99,7 @@ def undo_crossings(
     pierced = jax.lax.cond(near.any(), lambda: near & pierced_by(P, bones, tables), lambda: none)
     active = pierced.any() & state.begun & finite
 
-    def held() -> Array:
-        return _held(P, bones, free, state, tables).T
-
-    def released() -> Array:
-        return RELEASE * state.x
-
-    x = jax.lax.cond(active, held, released)
+    x = jax.lax.cond(active, lambda: _held(P, bones, free, state, tables).T, lambda: RELEASE * state.x)
     x = jnp.where(finite & ((x * x).sum(axis=1, keepdims=True) >= GONE**2), x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
     following = CrossingState(V, bones, x, jnp.array(True))
@@ -137,7 +131,8 @@ def pierced_by(
     def crossed(bone: Array) -> Array:
         p, q = tuple(bone[0]), tuple(bone[1])
         sides = dot(normal, minus(p, a)) * dot(normal, minus(q, a)) < 0
-        u, v, w = (_volume(p, q, *edge) for edge in ((a, b), (b, c), (c, a)))
+        # six times the signed volumes of the tetrahedra over the bone and each side
+        u, v, w = (dot(cross(minus(q, p), minus(d, p)), minus(e, p)) for d, e in ((a, b), (b, c), (c, a)))
         through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
         return (sides & through).any()
 
@@ -235,8 +230,3 @@ def _from_bone(P: Float[Array, "3 n"], bone: Float[Array, "2 3"]) -> Float[Array
     t = jnp.clip(axis @ apart / jnp.maximum(axis @ axis, 1e-12), 0.0, 1.0)
     gap = apart - t[None] * axis[:, None]
     return jnp.sqrt(dot(gap, gap))
-
-
-def _volume(p: Vector, q: Vector, a: Vector, b: Vector) -> Array:
-    """Return six times the signed volume of tetrahedra; vectors are their three coordinates."""
-    return dot(cross(minus(q, p), minus(a, p)), minus(b, p))

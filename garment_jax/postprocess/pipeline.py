@@ -14,10 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.strain_limit import strain_limited
 from garment_jax.postprocess.collision.projection import initial_state
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome
 from garment_jax.postprocess.collision.solver import resolve_collisions
 from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
@@ -34,7 +33,6 @@ from garment_jax.postprocess.rest import (
     at_rest,
     freeze,
     init_rest,
-    kept_correction,
     next_rest,
     rest_outcome,
 )
@@ -131,7 +129,8 @@ def contact_step(
         crossings = after_collisions(crossings, result.V, correction, (pierced > 0) & ~kept)
     found = RestState(
         V_f=V_f,
-        correction=kept_correction(result.outcome, kept, V, V_f, correction),
+        # what is inside for ever is pushed anew in every frame, not ever farther
+        correction=jnp.where(kept & (result.outcome == Outcome.STILL_INSIDE), V - V_f, correction),
         collider=frame.collider,
         frames=frames,
         deepest=result.deepest_before,
@@ -158,16 +157,14 @@ def _uncrossed(
 ) -> tuple[CrossingState | None, Float[Array, "n 3"], Int[Array, ""]]:
     """Return `undo_crossings`; with the last frame's correction where that is `kept`."""
 
-    def resting() -> tuple[CrossingState | None, Array, Array]:
-        return state.crossings, V_f + state.rest.correction, state.rest.pierced
-
     def moving() -> tuple[CrossingState | None, Array, Array]:
         if tables.crossings is None or state.crossings is None:
             return state.crossings, V_f, jnp.int32(0)
         free = jnp.asarray(tables.free)
         return undo_crossings(state.crossings, V_f, frame.bones, free=free, tables=tables.crossings)
 
-    return jax.lax.cond(kept, resting, moving)
+    rest = state.rest
+    return jax.lax.cond(kept, lambda: (state.crossings, V_f + rest.correction, rest.pierced), moving)
 
 
 def _resolved(
@@ -188,15 +185,10 @@ def _resolved(
     result, following = resolve(
         V,
         frame.collider,
-        state._replace(correction=_chosen(kept, 0.0, state.correction)),
+        state._replace(correction=jnp.where(kept, 0.0, state.correction)),
         tables=tables.collision,
         pins=tables.pins,
         pin_positions=frame.pins,
         options=tables.options,
     )
-    return result, following._replace(correction=_chosen(kept, state.correction, following.correction))
-
-
-@noinline
-def _chosen(kept: Array, x: Array | float, y: Array) -> Array:
-    return jnp.where(kept, x, y)
+    return result, following._replace(correction=jnp.where(kept, state.correction, following.correction))

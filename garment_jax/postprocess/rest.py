@@ -69,21 +69,6 @@ def freeze(
 
 
 @noinline
-def kept_correction(
-    outcome: Int[Array, ""],
-    kept: Bool[Array, ""],
-    held: Float[Array, "n 3"],
-    V_f: Float[Array, "n 3"],
-    correction: Float[Array, "n 3"],
-) -> Float[Array, "n 3"]:
-    """Return the correction that a standing body's next frames keep.
-
-    What is inside for ever is pushed anew in every frame, not ever farther.
-    """
-    return jnp.where(kept & (outcome == Outcome.STILL_INSIDE), held - V_f, correction)
-
-
-@noinline
 def next_rest(state: RestState, found: RestState, kept: Bool[Array, ""]) -> RestState:
     """Return what follows a frame `found` so; one that `kept` the correction says of before what is known."""
     known = found._replace(

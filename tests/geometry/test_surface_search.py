@@ -3,11 +3,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.geometry.surface_search import (
-    branch_gap_squared,
-    branches_within,
     distance_to,
     distance_to_corner,
-    group_boxes,
     nearest_leaf,
     pose_surface,
     search,
@@ -92,18 +89,3 @@ def test_leaves_and_branches_lie_between_their_planes_and_in_their_boxes():
     assert np.median(slab[4]) < 0.5 * np.median(half.max(axis=0))  # what it is for: thin
     away = np.abs(corners - middle.T[:, None]) - half.T[:, None]
     assert away.max() < 1e-6
-
-
-def test_branches_that_are_named_beforehand_give_the_same_answer():
-    cloud, surface, tables, _ = setting()
-    groups = point_groups(cloud)
-    local = jnp.asarray(cloud) - surface.origin[None]
-    points = local.T[:, groups.T]
-    limit = jnp.full(groups.T.shape, 0.05)
-    boxes = group_boxes(points, jnp.ones(limit.shape, bool))
-    words = branches_within(branch_gap_squared(*boxes, surface), limit[0])
-    told = find(points, limit, surface, tables, words)
-    untold = find(points, limit, surface, tables)
-    np.testing.assert_array_equal(told.triangle, untold.triangle)
-    nobody = branches_within(branch_gap_squared(*boxes, surface), jnp.full(len(groups), -1.0))
-    assert (find(points, limit, surface, tables, nobody).triangle == -1).all()

@@ -18,15 +18,11 @@ from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_search import (
     SLACK,
     PosedSurface,
-    branch_gap_squared,
-    branches_within,
     coordinates_of,
     distance_to,
-    group_boxes,
     search,
 )
 from garment_jax.geometry.triangle import dot, squared_length
-from garment_jax.postprocess.collision.result import CollisionState
 from garment_jax.postprocess.collision.tables import CollisionTables
 
 Boxes = tuple[Float[Array, "3 g"], Float[Array, "3 g"]]  # least and greatest coordinates, metres
@@ -55,57 +51,38 @@ def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Arra
 
 
 @noinline
-def boxes_of(grouped: Float[Array, "3 s g"]) -> Boxes:
-    """Return the least and the greatest coordinates of the groups."""
-    return group_boxes(grouped, jnp.ones(grouped.shape[1:], bool))
-
-
-@noinline
 def crossing_limit(
-    boxes: Boxes,
+    grouped: Float[Array, "3 s g"],
     moved: Float[Array, "3 n"],
-    state: CollisionState,
+    its: Float[Array, "3 c"],
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Float[Array, " n"]:
     """Return how near the surface must be to a vertex that was outside for it to be inside now (metres).
 
     If it crossed a part of the surface on a straight way since the last frame, it lies where that part would
-    be had it gone on, as far as the two have `moved` against each other at most: within the part's box and
-    between its planes, both drawn along that movement. So what slides along the body is not searched.
+    be had it gone on, as far as the two have `moved` against each other at most (`its`: the surface): within
+    the part's box and between its planes, both drawn along that movement. So what slides along the body is
+    not searched.
     """
-    body = _body_steps(state, surface)
-    ours, groups = _movement(_flat(moved), tables.groups.T), _middle_and_half(*boxes)
-    words, up_to = _marked(_met(boxes, ours, body, surface))
-    return expand_group_values(_past_all(words, up_to, groups, ours, body, surface, tables), tables)
+    ours, body = _movement(moved.reshape(-1), tables.groups.T), its.reshape(-1)
+    boxes = _boxes(grouped)
+    words, up_to = _marked(_met(boxes, ours, its, surface))
+    groups, rows = _middle_and_half(*boxes), jnp.asarray(tables.surface.branches)
 
-
-@noinline
-def _body_steps(state: CollisionState, surface: PosedSurface) -> Float[Array, " c3"]:
-    """Return how the body's vertices have moved since the last frame, as `PosedSurface.flat`."""
-    return _flat(collider_of(surface) - state.collider)
-
-
-@noinline
-def _past_all(
-    words: UInt32[Array, "r w"],
-    up_to: Int[Array, " r"],
-    groups: Boxes,
-    ours: Movement,
-    body: Float[Array, " c3"],
-    surface: PosedSurface,
-    tables: CollisionTables,
-) -> Array:
-    """Return `crossing_limit` of every group past the marked branches."""
-    rows = jnp.asarray(tables.surface.branches)
-
-    def some(state: tuple[Array, Array]):
+    def some(state: tuple[Array, Array]) -> tuple[Array, Array]:
         at, limit = state
         which, _ = _some(at, BRANCHES, words, up_to, len(rows))
         return at + BRANCHES, _past(which, limit, groups, ours, body, surface, rows)
 
     start = jnp.int32(0), jnp.zeros_like(ours[1])
-    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1]
+    limit = jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1]
+    return limit[jnp.asarray(tables.group)]
+
+
+@noinline
+def _boxes(grouped: Float[Array, "3 s g"]) -> Boxes:
+    return grouped.min(axis=1), grouped.max(axis=1)
 
 
 @noinline
@@ -119,19 +96,20 @@ def _past(
     rows: Int[Array, "b w"],
 ) -> Array:
     """Return the greater of `limit` and `crossing_limit` past some branches."""
-    low, high, slab, points = _branches(which, rows, surface)
-    return _group_limit(groups, _middle_and_half(low, high), ours, _movement(body, points), slab, limit)
+    branch = _middle_and_half(surface.low[:, which], surface.high[:, which])
+    its = _movement(body, rows[which].T)
+    return _group_limit(groups, branch, ours, its, surface.branch_slab[:, which], limit)
 
 
 @noinline
-def _flat(planes: Float[Array, "3 n"]) -> Float[Array, " n3"]:
-    return planes.reshape(-1)
-
-
-@noinline
-def _met(boxes: Boxes, ours: Movement, body: Float[Array, " c3"], surface: PosedSurface) -> Bool[Array, " b"]:
+def _met(boxes: Boxes, ours: Movement, its: Float[Array, "3 c"], surface: PosedSurface) -> Bool[Array, " b"]:
     """Return the branches that some group may have met: within a patch's box, drawn along all movement."""
-    return _met_by(_patches(boxes), ours, _extremes(body), surface)
+    fill = ((0, 0), (0, -boxes[0].shape[1] % PATCH))
+    low, high = (jnp.pad(x, fill, mode="edge").reshape(3, -1, PATCH) for x in boxes)
+    # the least and greatest steps of every q-th vertex `[3, q]`: in two goes they vectorise
+    steps = jnp.pad(its, ((0, 0), (0, -its.shape[1] % WORD)), mode="edge").reshape(3, WORD, -1)
+    extremes = steps.min(axis=1), steps.max(axis=1)
+    return _met_by((low.min(axis=2), high.max(axis=2)), ours, extremes, surface)
 
 
 @noinline
@@ -147,28 +125,6 @@ def _met_by(
     ahead = jnp.maximum(its[1].max(axis=1) - (step - reach[None]).min(axis=1), 0.0) + SLACK
     low, high = (patches[0] - back[:, None])[..., None], (patches[1] + ahead[:, None])[..., None]
     return ((low <= surface.high[:, None]) & (high >= surface.low[:, None])).all(axis=0).any(axis=0)
-
-
-@noinline
-def _extremes(steps: Float[Array, " c3"]) -> Boxes:
-    """Return the least and the greatest steps of every q-th vertex, `[3, q]`: in two goes they vectorise."""
-    steps = steps.reshape(3, -1)
-    steps = jnp.pad(steps, ((0, 0), (0, -steps.shape[1] % WORD)), mode="edge").reshape(3, WORD, -1)
-    return steps.min(axis=1), steps.max(axis=1)
-
-
-@noinline
-def _patches(boxes: Boxes) -> tuple[Array, Array]:
-    """Return the least and the greatest coordinates `[3, p]` of patches of groups."""
-    fill = ((0, 0), (0, -boxes[0].shape[1] % PATCH))
-    low, high = (jnp.pad(x, fill, mode="edge").reshape(3, -1, PATCH) for x in boxes)
-    return low.min(axis=2), high.max(axis=2)
-
-
-@noinline
-def _branches(which: Int[Array, " k"], rows: Int[Array, "b w"], surface: PosedSurface) -> tuple[Array, ...]:
-    """Return the boxes `[3, k]`, the slabs `[5, k]` and the vertices `[w, k]` of some branches."""
-    return surface.low[:, which], surface.high[:, which], surface.branch_slab[:, which], rows[which].T
 
 
 def collider_of(surface: PosedSurface) -> Float[Array, "3 c"]:
@@ -209,26 +165,18 @@ def _group_limit(
     for x in range(3):
         sizes = half[x][None] + extent[x][:, None]
         crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
-    return jnp.maximum(limit, greatest(jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0)))
-
-
-def greatest(x: Float[Array, "b g"]) -> Float[Array, " g"]:
-    """Return the maximum of each column of numbers >= 0, by their bits: an integer maximum vectorises."""
-    kind, same = (jnp.int64, x) if x.dtype == jnp.float64 else (jnp.int32, x.astype(jnp.float32))
-    bits = jax.lax.bitcast_convert_type(same, kind).max(axis=0)
-    return jax.lax.bitcast_convert_type(bits, same.dtype).astype(x.dtype)
-
-
-def expand_group_values(values: Array, tables: CollisionTables) -> Array:
-    """Return the value `[n]` of each vertex' group, of `[g]`."""
-    return values[jnp.asarray(tables.group)]
+    far = jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0)
+    # none is below 0, so their bits are in the same order: an integer maximum vectorises
+    bits = jnp.int64 if far.dtype == jnp.float64 else jnp.int32
+    greatest = jax.lax.bitcast_convert_type(far, bits).max(axis=0)
+    return jnp.maximum(limit, jax.lax.bitcast_convert_type(greatest, far.dtype))
 
 
 @noinline
-def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> tuple[Array, Array]:
+def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> Movement:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
     steps = _steps_of(flat, points)
-    mean = _mean(steps)
+    mean = fusion_barrier(steps.mean(axis=1))
     return mean, jnp.sqrt(squared_length(steps - mean[:, None]).max(axis=0))
 
 
@@ -238,40 +186,25 @@ def _steps_of(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"])
 
 
 @noinline
-def _mean(steps: Float[Array, "3 k b"]) -> Float[Array, "3 b"]:
-    return steps.mean(axis=1)
-
-
-@noinline
 def find_contacts(
     local: Float[Array, "3 n"],
     grouped: Float[Array, "3 s g"],
     last: Int[Array, " n"],
     limit: Float[Array, " n"],
-    boxes: Boxes,
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Contacts:
     """Return the contacts of a frame's vertices, all that are asked for (`limit` >= 0); `last`: triangles.
 
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
-    and then is so by `limit`. `grouped` are the same vertices (`in_groups`), `boxes` theirs.
+    and then is so by `limit`. `grouped` are the same vertices (`in_groups`).
     """
-    here = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
-    words = _words(*boxes, here, surface)
-    found = search(grouped, here, surface, tables.surface, words).triangle
-    return _all_answered(_without_answers(found, last, limit, tables), local, surface, tables)
-
-
-@noinline
-def _all_answered(
-    contacts: Contacts, local: Float[Array, "3 n"], surface: PosedSurface, tables: CollisionTables
-) -> Contacts:
-    """Return the contacts with the points and directions of all that are known."""
+    within = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
+    found = search(grouped, within, surface, tables.surface).triangle
+    contacts = _without_answers(found, last, limit, tables)
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        answer = _answered(made, to, *_asked(here, local, made.triangle), surface, tables)
-        return made._replace(**answer)
+        return made._replace(**_answered(made, to, made.triangle[here], local[:, here], surface, tables))
 
     return in_chunks(contacts.known, chunk, contacts)
 
@@ -286,14 +219,6 @@ def _grouped(
 
 
 @noinline
-def _words(
-    low: Float[Array, "3 g"], high: Float[Array, "3 g"], limit: Float[Array, "s g"], surface: PosedSurface
-) -> Array:
-    """Return the marks of the branches within the groups' widest limits, as `branches_within`."""
-    return branches_within(branch_gap_squared(low, high, surface), fusion_barrier(limit.max(axis=0)))
-
-
-@noinline
 def _without_answers(
     found: Int[Array, "s g"], last: Int[Array, " n"], limit: Float[Array, " n"], tables: CollisionTables
 ) -> Contacts:
@@ -302,14 +227,6 @@ def _without_answers(
     near, nowhere = found >= 0, jnp.zeros((3, len(found)), limit.dtype)
     ds = jnp.where((limit >= 0) & ~near, limit, 0.0)
     return Contacts(jnp.where(near, found, last), ds, near, nowhere, nowhere)
-
-
-@noinline
-def _asked(
-    here: Int[Array, " k"], local: Float[Array, "3 n"], triangle: Int[Array, " n"]
-) -> tuple[Array, Array]:
-    """Return triangles and places of the vertices `here`."""
-    return triangle[here], local[:, here]
 
 
 @noinline
@@ -327,53 +244,63 @@ def find_again(
     """
 
     def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        last, points = _asked(here, local, made.triangle)
-        bound = _bound(here, to, limit, distance_to(last, points, surface, tables.surface))
-        found = search(*together(points, bound), surface, tables.surface, at_once=ANSWERS)
-        found = one_by_one(found.triangle)
-        triangle = jnp.where(found >= 0, found, last)
-        made = made._replace(**_answered(made, to, triangle, points, surface, tables))
-        return made._replace(**_with_the_far(made, here, to, triangle, found, limit))
+        last, points, within = _asked(here, to, local, made.triangle, limit, surface, tables)
+        found = search_few(points, within, surface, tables)
+        return _noted(made, here, to, last, found, points, limit, surface, tables)
 
     return in_chunks(limit >= 0, chunk, at)
 
 
 @noinline
-def _bound(
-    here: Int[Array, " k"], to: Int[Array, " k"], limit: Float[Array, " n"], distance: Float[Array, " k"]
-) -> Float[Array, " k"]:
-    """Return how far the vertices `here` search; those that fill up a chunk do not."""
-    return jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
+def _asked(
+    here: Int[Array, " k"],
+    to: Int[Array, " k"],
+    local: Float[Array, "3 n"],
+    triangle: Int[Array, " n"],
+    limit: Float[Array, " n"],
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> tuple[Array, Array, Array]:
+    """Return triangles and places of the vertices `here`, and how far they search: what fills up does not."""
+    last, points = triangle[here], local[:, here]
+    distance = distance_to(last, points, surface, tables.surface)
+    return last, points, jnp.where(to < len(limit), jnp.minimum(limit[here], distance), -1.0)
 
 
 @noinline
-def together(points: Float[Array, "3 k"], bound: Float[Array, " k"]) -> tuple[Array, Array]:
-    """Return the same in groups of those that follow each other, the groups last: `[3, s, g]`, `[s, g]`."""
-    return points.reshape(3, -1, TOGETHER).transpose(0, 2, 1), bound.reshape(-1, TOGETHER).T
+def search_few(
+    points: Float[Array, "3 k"], within: Float[Array, " k"], surface: PosedSurface, tables: CollisionTables
+) -> Int[Array, " k"]:
+    """Return the triangles nearest to points `within` their limits, -1 where there is none.
+
+    Those that follow each other search together.
+    """
+    grouped = points.reshape(3, -1, TOGETHER).transpose(0, 2, 1)
+    found = search(grouped, within.reshape(-1, TOGETHER).T, surface, tables.surface, at_once=ANSWERS)
+    return found.triangle.T.reshape(-1)
 
 
 @noinline
-def one_by_one(found: Int[Array, "s g"]) -> Int[Array, " k"]:
-    return found.T.reshape(-1)
-
-
-@noinline
-def _with_the_far(
+def _noted(
     made: Contacts,
     here: Int[Array, " k"],
     to: Int[Array, " k"],
-    triangle: Int[Array, " k"],
+    last: Int[Array, " k"],
     found: Int[Array, " k"],
+    points: Float[Array, "3 k"],
     limit: Float[Array, " n"],
-) -> dict[str, Array]:
-    """Return the triangles of the vertices `here`, and of those that `found` none that they are far."""
+    surface: PosedSurface,
+    tables: CollisionTables,
+) -> Contacts:
+    """Return the contacts with those of the vertices `here`: what they `found`, or that they are far."""
     near = found >= 0
-    far = jnp.where(near, len(limit), to)
-    return {
-        "triangle": made.triangle.at[to].set(triangle, mode="drop"),
-        "ds": made.ds.at[far].set(limit[here], mode="drop"),
-        "known": made.known.at[to].set(near, mode="drop"),
-    }
+    triangle, far = jnp.where(near, found, last), jnp.where(near, len(limit), to)
+    made = made._replace(**_answered(made, to, triangle, points, surface, tables))
+    return made._replace(
+        triangle=made.triangle.at[to].set(triangle, mode="drop"),
+        ds=made.ds.at[far].set(limit[here], mode="drop"),
+        known=made.known.at[to].set(near, mode="drop"),
+    )
 
 
 def in_chunks(

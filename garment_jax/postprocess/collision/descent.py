@@ -4,7 +4,6 @@ Steps run on the first places of a region that hold all that moves, in one of a 
 the contacts, and only the steps, not the searches between them, are compiled once a size.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -48,11 +47,10 @@ def advance(
     """
     fits = sum((count >= size).astype(jnp.int32) for size in sizes[:-1])
 
-    def projected() -> Iterate:
-        return now._replace(x=_pushed(base, now.x, at, margin))
-
     steps = [lambda size=size: _descend(size, now, base, at, region, tables, options) for size in sizes]
-    return jax.lax.switch(jnp.where(descend, 1 + fits, 0), [projected, *steps])
+    return jax.lax.switch(
+        jnp.where(descend, 1 + fits, 0), [lambda: now._replace(x=_pushed(base, now.x, at, margin)), *steps]
+    )
 
 
 def _descend(
@@ -66,7 +64,10 @@ def _descend(
 ) -> Iterate:
     """Take the steps on the first `size` places, with the coordinates first: so they vectorise."""
     part, x, y, direction, height = _taken(size, now, base, at, region, options.eps)
-    step = partial(_gradient_step, direction, height, part, tables)
+
+    def step(_: int | Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        return _onto_planes(_ahead(carry[1], part, tables), *carry, direction, height, part.moving)
+
     x, y, theta = jax.lax.fori_loop(0, options.refresh_every, step, (x, y, now.theta))
     return Iterate(now.x.at[:, :size].set(x), now.y.at[:, :size].set(y), theta)
 
@@ -79,19 +80,6 @@ def _taken(
     x, y, base, point, direction = (leaf[:, :size] for leaf in (now.x, now.y, base, at.point, at.direction))
     direction = jnp.where(at.known[None, :size], direction, 0.0)  # without a correspondence there is no plane
     return first_places(region, size), x, y, direction, eps - dot(base - point, direction)
-
-
-def _gradient_step(
-    direction: Float[Array, "3 m"],
-    height: Float[Array, " m"],
-    region: Region,
-    tables: CollisionTables,
-    _: int | Array,
-    carry: tuple[Array, Array, Array],
-):
-    """Take one step of Nesterov's method along `jax.grad` of the smooth part, then project."""
-    x, y, theta = carry
-    return _onto_planes(_ahead(y, region, tables), x, y, theta, direction, height, region.moving)
 
 
 @noinline
@@ -110,7 +98,7 @@ def _onto_planes(
     height: Float[Array, " m"],
     moving: Bool[Array, " m"],
 ):
-    """Return the next iterate `ahead` projected, the one extrapolated from it, and theta.
+    """Return the next iterate `ahead` projected, the one extrapolated from it, and theta (Nesterov).
 
     The constraint of a displacement: direction . x >= height. Restart (O'Donoghue and Candes 2015):
     momentum that points uphill is thrown away.

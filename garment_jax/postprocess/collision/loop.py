@@ -90,10 +90,7 @@ def _put_back(
     """Return displacement and contacts of the whole garment, with those of what moves written into them."""
     to = jnp.where(region.moving, region.vertex, x.shape[1])
 
-    def put(whole: Array, part: Array) -> Array:
-        return whole.at[..., to].set(part, mode="drop")
-
-    return put(x, moved), jax.tree.map(put, first, at)
+    return jax.tree.map(lambda whole, part: whole.at[..., to].set(part, mode="drop"), (x, first), (moved, at))
 
 
 def _in_region(
@@ -120,51 +117,34 @@ def _in_region(
         return (lowest < wanted) & (s.pushes < options.projections)
 
     def body(s: _Progress) -> _Progress:
-        on, margin = descending(s), _push_margin(s.pushes, options)
+        on = descending(s)
+        # in the second half of the projections half of the last one's each time. That half is for what is
+        # inside: pushed out of one wall by the whole margin, a vertex in a narrower gap is inside the other,
+        # and so on; nearer to the wall there is room for it
+        margin = options.eps * 0.5 ** jnp.maximum(s.pushes - options.projections // 2 + 1, 0)
         now = advance(on, s.now, base, s.at, region, sizes, count, tables, options, margin=margin)
-        local, ds, limit = _next_limit(now.x, s.searched, base, s.at, region.moving, options)
+        local, ds, limit, moved = _next_limit(now.x, s.now.x, s.searched, base, s.at, region.moving, options)
         at = find_again(local, s.at._replace(ds=ds), limit, surface, tables)
-        return _Progress(now, at, now.x, *_counted(on, s.steps, s.moved, s.pushes, now.x, s.now.x, options))
+        steps, pushes = s.steps + jnp.where(on, options.refresh_every, 0), s.pushes + jnp.where(on, 0, 1)
+        return _Progress(now, at, now.x, steps, jnp.where(on, moved, s.moved), pushes)
 
     none, one = jnp.int32(0), jnp.ones((), x.dtype)
     start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
     return jax.lax.while_loop(lambda s: descending(s) | violated(s), body, start)
 
 
-def _push_margin(pushes: Array, options: CollisionOptions) -> Array:
-    """Return the margin of a projection: in the second half of them, half of the last one's each time.
-
-    That half is for what is inside. Pushed out of one wall by the whole margin, a vertex in a narrower gap
-    is inside the other, and so on; nearer to the wall there is room for it.
-    """
-    return options.eps * 0.5 ** jnp.maximum(pushes - options.projections // 2 + 1, 0)
-
-
-@noinline
-def _counted(
-    on: Bool[Array, ""],
-    steps: Int[Array, ""],
-    moved: Float[Array, ""],
-    pushes: Int[Array, ""],
-    x: Float[Array, "3 m"],
-    last: Float[Array, "3 m"],
-    options: CollisionOptions,
-):
-    """Return the steps taken, how far the last ones moved, and the projections."""
-    moved = jnp.where(on, jnp.sqrt(squared_length(x - last).max()), moved)
-    return steps + jnp.where(on, options.refresh_every, 0), moved, pushes + jnp.where(on, 0, 1)
-
-
 @noinline
 def _next_limit(
     x: Float[Array, "3 m"],
+    last: Float[Array, "3 m"],
     searched: Float[Array, "3 m"],
     base: Float[Array, "3 m"],
     at: Contacts,
     moving: Bool[Array, " m"],
     options: CollisionOptions,
 ) -> tuple[Array, ...]:
-    """Return the vertices moved by `x`, their distances or bounds, and how far to search around them.
+    """Return the vertices moved by `x`, their distances or bounds, how far to search around them, and how far
+    the farthest has moved since the `last` displacement.
 
     Only those are asked that may have come within the margin; the others' distance shrinks by what
     they have moved, which keeps it a lower bound. Where parts of the body cross each other, that bound
@@ -176,4 +156,5 @@ def _next_limit(
     away = local - at.point  # the point is still on the surface: none is farther
     bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
     limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
-    return local, ds, jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
+    limit = jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
+    return local, ds, limit, jnp.sqrt(squared_length(x - last).max())

@@ -31,15 +31,6 @@ def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[
     return jnp.maximum(eps - ((V - at.point) * at.direction).sum(axis=-1), 0.0)
 
 
-def project(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, "n 3"]:
-    """Return the nearest positions that satisfy the constraint against the correspondences `at`.
-
-    A vertex that satisfies it comes back bitwise unchanged.
-    """
-    height = lift(V, at, eps)[:, None]
-    return jnp.where(height > 0, V + height * at.direction, V)
-
-
 def penetration(at: ClosestPoint, *, eps: float = 1e-3) -> Float[Array, ""]:
     """Return sum max(eps - ds, 0) over the vertices, in metres (section 3.5, second term).
 

@@ -142,16 +142,6 @@ def _neighbours(x: Float[Array, "m 3"], index: Int[Array, "*k m"]) -> Float[Arra
     return x.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-def _forward(
-    x: Float[Array, "3 m"],
-    index: Int[Array, "k m"],
-    weight: Float[Array, "k m"],
-    weight_back: Float[Array, "k m"],
-    total: Float[Array, " m"],
-):
-    return _apply(fusion_barrier(x.T), index, weight, total), (index, weight_back, total)
-
-
 def _backward(saved: tuple[Array, Array, Array], r: Float[Array, "m 3"]):
     index, weight_back, total = saved
     r = fusion_barrier(r)  # it would be computed anew for every neighbour
@@ -159,4 +149,4 @@ def _backward(saved: tuple[Array, Array, Array], r: Float[Array, "m 3"]):
     return slope.T, None, None, None, None
 
 
-stretch.defvjp(_forward, _backward)
+stretch.defvjp(lambda *args: (stretch(*args), (args[1], *args[3:])), _backward)

@@ -19,7 +19,6 @@ from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 from garment_jax.geometry.triangle import dot
 from garment_jax.postprocess.collision.contacts import (
     Contacts,
-    boxes_of,
     collider_of,
     crossing_limit,
     find_again,
@@ -69,9 +68,6 @@ def resolve_collisions(
     still = End(jnp.zeros_like(planes), found, jnp.int32(0), none, none)
 
     def one(s: _Round) -> _Round:
-        def check() -> _Acted:
-            return _Acted(still, nobody, found.known, s.before)
-
         def solve() -> _Acted:
             at = s.end.at
             members, x = _begun(_in_contact(at, free, options), free, state.correction, tables, options)
@@ -80,14 +76,15 @@ def resolve_collisions(
             return _Acted(end, members.moving, asked, _depth(at, free))
 
         def push() -> _Acted:
-            inside, margin = _inside(s.end.at, s.moving), options.eps * 0.5 ** jnp.maximum(s.pushes - 2, 0)
-            x, limit = pushed(s.end.x, s.end.at, inside, margin)
+            margin = options.eps * 0.5 ** jnp.maximum(s.pushes - 2, 0)
+            x, limit = pushed(s.end.x, s.end.at, s.inside, margin)
             at = find_again(local + x, s.end.at, limit, surface, tables)
-            return _Acted(s.end._replace(x=x, at=at), s.moving, inside, s.before)
+            return _Acted(s.end._replace(x=x, at=at), s.moving, s.inside, s.before)
 
-        acted = jax.lax.switch(s.act, [check, solve, push])
+        acted = jax.lax.switch(s.act, [lambda: _Acted(still, nobody, found.known, s.before), solve, push])
         at, crossing = sided(acted.end.at, acted.asked, local + acted.end.x, surface, tables)
-        once_more = _inside(at, acted.moving).any() & (s.pushes < ROUNDS)
+        inside = acted.moving & at.known & (at.ds < 0)
+        once_more = inside.any() & (s.pushes < ROUNDS)
         then = jnp.stack(
             [
                 jnp.where(_in_contact(at, free, options).any(), Act.SOLVE, Act.END),
@@ -99,6 +96,7 @@ def resolve_collisions(
             act=then[s.act],
             end=acted.end._replace(at=at),
             moving=acted.moving,
+            inside=inside,
             before=acted.before,
             checked=s.checked | (s.act == Act.CHECK),
             crossing=s.crossing | crossing,
@@ -106,8 +104,9 @@ def resolve_collisions(
         )
 
     act = jnp.where(state.crossing | ~_in_contact(found, free, options).any(), Act.CHECK, Act.SOLVE)
+    act = jnp.where(found.known.any(), act, Act.END)  # the body is far from all vertices: nothing to do
     no, unknown = jnp.array(False), (none, jnp.int32(0))
-    start = _Round(act.astype(jnp.int32), still, nobody, unknown, no, no, jnp.int32(0))
+    start = _Round(act.astype(jnp.int32), still, nobody, nobody, unknown, no, no, jnp.int32(0))
     last = jax.lax.while_loop(lambda s: s.act != Act.END, one, start)
     return jax.lax.cond(
         last.moving.any(),
@@ -145,6 +144,7 @@ class _Round(NamedTuple):
     act: jax.Array  # [] int32, the next `Act`
     end: End
     moving: jax.Array  # [n] bool; nobody where there is nothing to solve
+    inside: jax.Array  # [n] bool, those of them that ended inside
     before: tuple[jax.Array, jax.Array]  # as `_depth`, of the frame as it came
     checked: jax.Array  # [] bool, the first contacts are on their side
     crossing: jax.Array  # [] bool, as in `CollisionState`
@@ -176,18 +176,18 @@ def _told(
     options: CollisionOptions,
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the result of a frame that was solved, and the state for the next one."""
-    end = last.end
-    planes, V = _answer(planes, last.moving, end.x)
+    end, moving = last.end, last.moving[None]
+    planes = jnp.where(moving, planes + end.x, planes)
     walls = _walls(end.at, free, surface.origin, options)
     following = CollisionState(
         triangle=end.at.triangle,
         V=planes,
         collider=collider_of(surface),
-        outside=_outside(end.at),
-        correction=_moved_by(last.moving, end.x),
+        outside=~end.at.known | (end.at.ds >= 0),
+        correction=jnp.where(moving, end.x, 0.0),
         crossing=last.crossing,
     )
-    return CollisionResult(V=V, **_figures(last.before, end, free, options), planes=walls), following
+    return CollisionResult(V=planes.T, **_figures(last.before, end, free, options), planes=walls), following
 
 
 @noinline
@@ -224,7 +224,7 @@ def _no_contact_result(
         correction=jnp.zeros_like(planes),
         crossing=last.crossing,
     )
-    return result, _if_finite(finite, following, state)
+    return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
 @noinline
@@ -233,7 +233,11 @@ def _figures(
 ) -> dict[str, Array]:
     """Return all of `CollisionResult` but the garment and the planes; `before` as `_depth`."""
     deepest, after = _depth(end.at, free)
-    outcome = _outcome(end, free, options)
+    lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
+    outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
+    missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
+    kept = lowest >= options.eps * (1 - options.slack)
+    outcome = jnp.where(kept, outside, missed).astype(jnp.int32)
     return {
         "deepest_before": before[0],
         "deepest_after": deepest,
@@ -276,19 +280,9 @@ def _placed(
 ) -> tuple[Array, Array, Array, Array]:
     """Return the garment with pins `[n, 3]`, `[3, n]`, from the surface's origin, and if all is finite."""
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
-    planes = _planes_of(V)
+    planes = fusion_barrier(V.T)  # or each that reads it turns it anew
     finite = jnp.isfinite(planes).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
     return V, planes, planes - surface.origin[:, None], finite
-
-
-@noinline
-def _planes_of(V: Float[Array, "n 3"]) -> Float[Array, "3 n"]:
-    return fusion_barrier(V.T)  # or each that reads it turns it anew
-
-
-@noinline
-def _rows_of(planes: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
-    return fusion_barrier(planes.T)
 
 
 @noinline
@@ -304,55 +298,19 @@ def _first_contacts(
 ) -> Contacts:
     """Return the contacts of a garment, searched for as far as they may be."""
     grouped = in_groups(local, tables)
-    boxes = boxes_of(grouped)
-    crossed = crossing_limit(boxes, planes - state.V, state, surface, tables)
-    limit = _first_limit(crossed, free & finite, state, options)
-    return find_contacts(local, grouped, state.triangle, limit, boxes, surface, tables)
-
-
-@noinline
-def _first_limit(
-    crossed: Float[Array, " n"],
-    asked: Bool[Array, " n"],
-    state: CollisionState,
-    options: CollisionOptions,
-) -> Array:
-    """Return how far to search: the margin, or what may have crossed the surface since the last frame."""
-    limit = jnp.maximum(crossed, options.eps + options.reach)
-    return jnp.where(asked, jnp.where(state.outside, limit, jnp.inf), -1.0)
+    moved, its = planes - state.V, collider_of(surface) - state.collider
+    crossed = crossing_limit(grouped, moved, its, surface, tables)
+    # the margin, or what may have crossed the surface since the last frame
+    limit = jnp.where(state.outside, jnp.maximum(crossed, options.eps + options.reach), jnp.inf)
+    limit = jnp.where(free & finite, limit, -1.0)
+    return find_contacts(local, grouped, state.triangle, limit, surface, tables)
 
 
 @noinline
 def _depth(at: Contacts, counted: Bool[Array, " n"]) -> tuple[Array, Array]:
     """Return the deepest penetration (metres) and how many vertices are inside."""
-    inside = _inside(at, counted)
+    inside = counted & at.known & (at.ds < 0)
     return jnp.where(inside, -at.ds, 0.0).max(), inside.sum().astype(jnp.int32)
-
-
-def _inside(at: Contacts, counted: Bool[Array, " n"]) -> Array:
-    return counted & at.known & (at.ds < 0)
-
-
-@noinline
-def _outcome(end: End, free: Bool[Array, " n"], options: CollisionOptions) -> Array:
-    lowest = jnp.where(free & end.at.known, end.at.ds, jnp.inf).min()
-    outside = jnp.where(end.moved <= options.tolerance, Outcome.CONVERGED, Outcome.STEPS_SPENT)
-    missed = jnp.where(lowest >= 0, Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
-    return jnp.where(lowest >= options.eps * (1 - options.slack), outside, missed).astype(jnp.int32)
-
-
-@noinline
-def _answer(
-    planes: Float[Array, "3 n"], moving: Bool[Array, " n"], x: Float[Array, "3 n"]
-) -> tuple[Array, Array]:
-    """Return the garment moved by `x`, `[3, n]` and `[n, 3]`; bitwise as it was where nothing moves."""
-    planes = jnp.where(moving[None], planes + x, planes)
-    return planes, _rows_of(planes)
-
-
-@noinline
-def _moved_by(moving: Bool[Array, " n"], x: Float[Array, "3 n"]) -> Float[Array, "3 n"]:
-    return jnp.where(moving[None], x, 0.0)
 
 
 @noinline
@@ -361,16 +319,6 @@ def _walls(
 ) -> Planes:
     direction = jnp.where((free & at.known)[None], at.direction, 0.0)
     return Planes(direction, dot(at.point + origin[:, None], direction) + options.eps)
-
-
-@noinline
-def _outside(at: Contacts) -> Bool[Array, " n"]:
-    return ~at.known | (at.ds >= 0)
-
-
-@noinline
-def _if_finite(finite: Bool[Array, ""], following: CollisionState, state: CollisionState) -> CollisionState:
-    return jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
 
 
 @noinline

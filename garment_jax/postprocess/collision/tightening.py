@@ -6,6 +6,7 @@ runs again, with every vertex projected onto its side of its contact's plane, an
 up to `ROUNDS` times. Not in the paper.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -64,20 +65,13 @@ def resolve_unstretched(
     positions = None if pins is None else pin_positions
     free = jnp.asarray(free_vertices(len(V_f), pins))
 
-    def resolved(V: Array, state: CollisionState):
-        return resolve_collisions(
-            V, collider_vertices, state, tables=tables, pins=pins, pin_positions=positions, options=options
-        )
-
-    def more(carry: tuple[Array, _Last, _Best]):
-        rounds, last, _ = carry
-        return (rounds == 0) | ((last.excess > DONE) & (rounds <= ROUNDS))
+    resolve = partial(resolve_collisions, tables=tables, pins=pins, pin_positions=positions, options=options)
 
     def one(carry: tuple[Array, _Last, _Best]):  # the first one too: what compiles once costs half
         rounds, last, best = carry
         first = rounds == 0
         V = jax.lax.cond(first, lambda: V_f, lambda: _shortened(last, strain, as_in))
-        result, following = resolved(V, last.state)
+        result, following = resolve(V, collider_vertices, last.state)
         excess = jax.lax.cond(
             first & ((result.outcome == Outcome.NOTHING_TO_DO) | (result.outcome == Outcome.NOT_FINITE)),
             lambda: jnp.zeros((), V.dtype),
@@ -95,11 +89,13 @@ def resolve_unstretched(
         )
         return rounds + 1, _Last(following, result.planes, excess), kept
 
-    shapes = jax.eval_shape(resolved, V_f, state)[0]
+    shapes = jax.eval_shape(resolve, V_f, collider_vertices, state)[0]
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     none = jnp.zeros((), V_f.dtype)
     start = jnp.int32(0), _Last(state, nothing.planes, none), _Best(nothing, state, none)
-    rounds, _, (result, state, _) = jax.lax.while_loop(more, one, start)
+    rounds, _, (result, state, _) = jax.lax.while_loop(
+        lambda carry: (carry[0] == 0) | ((carry[1].excess > DONE) & (carry[0] <= ROUNDS)), one, start
+    )
     # the next frame begins where this one ended, whatever the rounds have made of it
     correction = jnp.where(free[:, None], result.V - V_f, 0.0).T
     return result, state._replace(correction=jnp.where(rounds > 1, correction, state.correction))

@@ -16,15 +16,13 @@ from jaxtyping import Array, Bool, Float, Int
 from garment_jax.geometry.closest_point import Signed, signed_on
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.ray_winding import winding_by_ray
-from garment_jax.geometry.surface_search import SLACK, PosedSurface, search
+from garment_jax.geometry.surface_search import SLACK, PosedSurface
 from garment_jax.geometry.surface_tables import LEAF
 from garment_jax.geometry.triangle import dot
 from garment_jax.postprocess.collision.contacts import (
     Contacts,
-    expand_group_values,
     in_chunks,
-    one_by_one,
-    together,
+    search_few,
 )
 from garment_jax.postprocess.collision.tables import CollisionTables
 
@@ -61,17 +59,9 @@ def sided(
         lambda: _numbers_by_speakers(at, asked, local, surface, tables),
         lambda: _numbers(asked, at, local, surface, tables),
     )
-    misled = _misled(number, at, asked)
+    # by the winding numbers; on its sheet a vertex has none, there it is that of the sheet's outer side
+    misled = asked & (number != (at.ds < -BESIDE))
     return _bounding(at, number, misled, local, surface, tables), misled.any()
-
-
-@noinline
-def _misled(number: Int[Array, " m"], at: Contacts, asked: Bool[Array, " m"]) -> Bool[Array, " m"]:
-    """Return whose nearest sheet bounds nothing, by the winding numbers around them.
-
-    A vertex on its sheet has no number; there it is that of the sheet's outer side.
-    """
-    return asked & (number != (at.ds < -BESIDE))
 
 
 def _numbers(
@@ -84,8 +74,10 @@ def _numbers(
     """Return the winding numbers around the vertices that are wanted, 0 of the others."""
 
     def chunk(here: Array, to: Array, number: Array) -> Array:
-        start, ahead = _begins(at, here, local)
-        found = winding_by_ray(start, ahead, to < len(wanted), surface, tables.surface)
+        point, direction, ds = at.point[:, here], at.direction[:, here], at.ds[here]
+        start = jnp.where((jnp.abs(ds) > BESIDE)[None], local[:, here], point + BESIDE * direction)
+        # ahead: away from the sheet
+        found = winding_by_ray(start, direction[2] >= 0, to < len(wanted), surface, tables.surface)
         return number.at[to].set(found, mode="drop")
 
     return in_chunks(wanted, chunk, jnp.zeros(len(wanted), jnp.int32), RAYS)
@@ -100,7 +92,8 @@ def _numbers_by_speakers(
 ) -> Int[Array, " m"]:
     """Return the same, one vertex speaking for those of its group that are nearer to it than the surface."""
     speaker, spoken = _speakers(at, asked, local, tables)
-    speaks = _speaking(speaker, spoken & at.known[speaker])
+    to = jnp.where(spoken & at.known[speaker], speaker, len(speaker))
+    speaks = jnp.zeros_like(spoken).at[to].set(True, mode="drop")
     number = _numbers(speaks | (asked & ~spoken), at, local, surface, tables)
     return jnp.where(spoken, number[speaker], number)
 
@@ -117,23 +110,9 @@ def _speakers(
     groups = jnp.asarray(tables.groups.T)
     first = fusion_barrier(room)[groups].argmax(axis=0).astype(jnp.int32)
     farthest = groups.T.reshape(-1)[first + groups.shape[0] * jnp.arange(groups.shape[1], dtype=jnp.int32)]
-    speaker = expand_group_values(farthest, tables)
+    speaker = farthest[jnp.asarray(tables.group)]
     away = local - fusion_barrier(local)[:, speaker]
     return speaker, asked & (dot(away, away) < jnp.square(SURE * room[speaker]))
-
-
-@noinline
-def _speaking(speaker: Int[Array, " m"], spoken: Bool[Array, " m"]) -> Bool[Array, " m"]:
-    to = jnp.where(spoken, speaker, len(speaker))
-    return jnp.zeros_like(spoken).at[to].set(True, mode="drop")
-
-
-@noinline
-def _begins(at: Contacts, here: Int[Array, " k"], local: Float[Array, "3 m"]) -> tuple[Array, Array]:
-    """Return where the rays of the vertices `here` begin, and whether they go ahead: away from the sheet."""
-    point, direction, ds = at.point[:, here], at.direction[:, here], at.ds[here]
-    start = jnp.where((jnp.abs(ds) > BESIDE)[None], local[:, here], point + BESIDE * direction)
-    return start, direction[2] >= 0
 
 
 class _Wider(NamedTuple):
@@ -161,23 +140,17 @@ def _bounding(
     A loop that goes round not once where nobody is: a condition would copy what it returns.
     """
 
-    def more(s: _Wider) -> Array:
-        return s.left.any() & (s.reach < WIDEST)
-
     def wider(s: _Wider) -> _Wider:
         inside = number >= 1
         begun = _by_their_nearest(s.at, inside, misled & ~s.begun, local)
-        low, high = _box_of(local, misled)
-        wanted = _corners_near(low - s.reach, high + s.reach, surface, tables) & ~s.seen
+        wanted = _corners_near(misled, s.reach, local, surface, tables) & ~s.seen
         free = _free_corners(s.free, wanted, surface, tables)
         bounding = _without(s.refused, free, surface, tables)
 
         def chunk(here: Array, to: Array, made: tuple) -> tuple:
             points, asked = local[:, here], to < len(misled)
             limit = jnp.where(asked, s.reach, -1.0)
-            found = one_by_one(
-                search(*together(points, limit), bounding, tables.surface, at_once=RAYS).triangle
-            )
+            found = search_few(points, limit, bounding, tables)
             triangle = jnp.maximum(found, 0)
             sheet = signed_on(triangle, points, surface, tables.surface)
             beyond = sheet.point + BESIDE * sheet.normal
@@ -191,20 +164,20 @@ def _bounding(
 
     nobody, none = jnp.zeros(len(tables.surface.corner_of), bool), jnp.zeros(len(tables.surface.faces), bool)
     start = _Wider(at, misled, jnp.asarray(REACH, local.dtype), nobody, nobody, none, jnp.array(False))
-    return jax.lax.while_loop(more, wider, start).at
-
-
-@noinline
-def _box_of(local: Float[Array, "3 m"], misled: Bool[Array, " m"]) -> tuple[Array, Array]:
-    low = jnp.where(misled[None], local, jnp.inf).min(axis=1)
-    return low, jnp.where(misled[None], local, -jnp.inf).max(axis=1)
+    return jax.lax.while_loop(lambda s: s.left.any() & (s.reach < WIDEST), wider, start).at
 
 
 @noinline
 def _corners_near(
-    low: Float[Array, "3"], high: Float[Array, "3"], surface: PosedSurface, tables: CollisionTables
+    misled: Bool[Array, " m"],
+    reach: Float[Array, ""],
+    local: Float[Array, "3 m"],
+    surface: PosedSurface,
+    tables: CollisionTables,
 ) -> Bool[Array, " c"]:
-    """Return the vertices of the leaves that come within a box."""
+    """Return the vertices of the leaves that come within `reach` of the box around those `misled`."""
+    low = jnp.where(misled[None], local, jnp.inf).min(axis=1) - reach
+    high = jnp.where(misled[None], local, -jnp.inf).max(axis=1) + reach
     bounds = surface.bounds.transpose(1, 0, 2).reshape(11, -1)
     middle, half = bounds[:3], bounds[3:6] + SLACK
     near = ((middle - half <= high[:, None]) & (middle + half >= low[:, None])).all(axis=0)
@@ -250,7 +223,12 @@ def _noted(
     lost = jnp.where((found >= 0) & ~won & (to < len(left)), found, len(refused))
     to = jnp.where(won, to, len(left))
     return (
-        _written(at, to, found, sheet),
+        at._replace(
+            triangle=at.triangle.at[to].set(found, mode="drop"),
+            ds=at.ds.at[to].set(sheet.ds, mode="drop"),
+            point=at.point.at[:, to].set(sheet.point, mode="drop"),
+            direction=at.direction.at[:, to].set(sheet.direction, mode="drop"),
+        ),
         left.at[to].set(False, mode="drop"),
         refused.at[lost].set(True, mode="drop"),
     )
@@ -277,16 +255,6 @@ def _on_its_side(points: Float[Array, "3 k"], inside: Bool[Array, " k"], at: Sig
     ds = jnp.where(inside, -distance, distance)
     direction = jnp.where(far[None], away / ds[None], at.direction)
     return at._replace(ds=jnp.where(far, ds, at.ds), direction=direction)
-
-
-@noinline
-def _written(made: Contacts, to: Int[Array, " k"], triangle: Int[Array, " k"], sheet: Signed) -> Contacts:
-    return made._replace(
-        triangle=made.triangle.at[to].set(triangle, mode="drop"),
-        ds=made.ds.at[to].set(sheet.ds, mode="drop"),
-        point=made.point.at[:, to].set(sheet.point, mode="drop"),
-        direction=made.direction.at[:, to].set(sheet.direction, mode="drop"),
-    )
 
 
 @noinline

@@ -10,7 +10,6 @@ from garment_jax.geometry.surface_search import pose_surface
 from garment_jax.geometry.surface_tables import make_surface_tables
 from garment_jax.postprocess.collision import CollisionTables, make_collision_tables
 from garment_jax.postprocess.collision.contacts import (
-    boxes_of,
     crossing_limit,
     find_again,
     find_contacts,
@@ -36,8 +35,8 @@ def over_a_ball() -> tuple[CollisionTables, np.ndarray, np.ndarray]:
 def limits(V, body, state):
     made = over_a_ball()[0]
     surface = pose_surface(body, made.surface)
-    boxes = boxes_of(in_groups(V.T - surface.origin[:, None], made))
-    return crossing_limit(boxes, V.T - state.V, state, surface, made)
+    grouped = in_groups(V.T - surface.origin[:, None], made)
+    return crossing_limit(grouped, V.T - state.V, body.T - state.collider, surface, made)
 
 
 @jax.jit
@@ -45,8 +44,7 @@ def found(V, body, last, limit):
     made = tables()[0]
     surface = pose_surface(body, made.surface)
     local = V.T - surface.origin[:, None]
-    grouped = in_groups(local, made)
-    return find_contacts(local, grouped, last, limit, boxes_of(grouped), surface, made), surface.origin
+    return find_contacts(local, in_groups(local, made), last, limit, surface, made), surface.origin
 
 
 @jax.jit

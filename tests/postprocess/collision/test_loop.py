@@ -8,7 +8,7 @@ import pytest
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.surface_search import pose_surface
 from garment_jax.postprocess.collision import CollisionOptions, initial_state
-from garment_jax.postprocess.collision.contacts import boxes_of, find_contacts, in_groups
+from garment_jax.postprocess.collision.contacts import find_contacts, in_groups
 from garment_jax.postprocess.collision.loop import SMALL, iterate
 from garment_jax.postprocess.collision.region import dilate, find_members, region_sizes
 from tests.geometry.surfaces import brute_signed
@@ -23,9 +23,8 @@ def looped(V, body, triangle, sizes: tuple[float, ...]):
     made = tables()[0]
     surface = pose_surface(body, made.surface)
     local = V.T - surface.origin[:, None]
-    grouped = in_groups(local, made)
     everywhere = jnp.full(len(V), jnp.inf)
-    first = find_contacts(local, grouped, triangle, everywhere, boxes_of(grouped), surface, made)
+    first = find_contacts(local, in_groups(local, made), triangle, everywhere, surface, made)
     members = find_members(dilate(first.known & (first.ds < EPS), made, RINGS), made)
     x = jnp.zeros_like(local)
     options = CollisionOptions(eps=EPS, sizes=sizes)
