@@ -11,7 +11,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from garment_jax.animation.network_rollout import make_network_rollout
+from garment_jax.animation.frame_method import stream_motion
+from garment_jax.animation.network_method import compile_networks, network_method
 from garment_jax.animation.plan import ScenePlan, make_plan
 from garment_jax.animation.stream import Chunk, PostprocessStream
 from garment_jax.aot_cache import ProgramStore
@@ -19,8 +20,6 @@ from garment_jax.body.frame_windows import stretches
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import headings
-from garment_jax.dataset.motion_input import motion_input
-from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import Template
 from garment_jax.io.content_hash import rollout_hash
 from garment_jax.io.overwrite_checks import check_animation_out
@@ -82,6 +81,7 @@ def make_animator(
         "scene": rollout_hash(scene),
         "model": repr(model.config),
         "statistics": _digits(model.statistics),
+        "detail": detail,
     }
     postprocess = PostprocessStream(
         model.config,
@@ -91,18 +91,14 @@ def make_animator(
         out_of_reach=out_of_reach,
         programs=programs,
     )
-    joints = model.config.body.motion_joints
-    begin = make_start(template, seeds, model.config.body.tau)
-    roll = make_network_rollout(model, scene, template, detail=detail, programs=programs, facts=facts)
+    method = network_method(model, scene, template, seeds, detail=detail)
+    rollout = compile_networks(method, model, scene, template, programs=programs, facts=facts)
 
     def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
         check_rate(model, motion, name)
         whole = with_preroll(motion, preroll)
-        first = Motion(whole.rotations[:1], whole.root[:1], whole.fps)
-        inputs = motion_input(first, scene, seeds, joints)
-        V_start = begin(inputs.R_seed, inputs.t_seed)[0]
         root, yaw = whole.root.astype(np.float64), headings(whole)
-        pieces = postprocess(whole, root, yaw, roll(whole, V_start))
+        pieces = postprocess(whole, root, yaw, stream_motion(method, rollout, whole))
         return _blaming(_without_first(pieces, preroll), model, template)
 
     return run

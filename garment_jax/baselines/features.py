@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.body.motion_features import chosen_joints
+from garment_jax.body.motion_features import chosen_joints, motion_features
 from garment_jax.config import Config
 from garment_jax.dataset.template import Template
 from garment_jax.model.motion.network import normalise_motion
-from garment_jax.structs import RiggedBody
+from garment_jax.model.store import Model
+from garment_jax.structs import Motion, RiggedBody, Scene
 
 TILT, ROTATION, VELOCITY, YAW_RATE = 6, 6, 3, 1  # widths of M's parts, see body/motion_features.py
 Reads = Literal["pose", "pose and root", "pose and velocities"]
@@ -37,3 +38,11 @@ def normalised(
 ) -> Float[np.ndarray, "t c"]:
     """Return the `chosen` columns of features `M` in deviations, held near the training range."""
     return np.asarray(normalise_motion(jnp.asarray(M), template), np.float32)[:, chosen]
+
+
+def read_motion(
+    motion: Motion, scene: Scene, model: Model, template: Template, chosen: Int[np.ndarray, " c"]
+) -> Float[np.ndarray, "t c"]:
+    """Return the `chosen` columns of a motion's features as `normalised` does."""
+    joints, frames = model.config.body.motion_joints, slice(0, len(motion.root))
+    return normalised(motion_features(motion, scene.body, joints, frames), template, chosen)

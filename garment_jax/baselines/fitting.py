@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from garment_jax.config import Config, GenerativeConfig, to_dict
@@ -83,19 +84,12 @@ def open_baseline(
 
 def finish_model(run: Run, params: dict[str, Any]) -> None:
     """Write the fitted model into the run's folder; its presence says that the fit has ended."""
-    params = _as_float(params)
+    params = jax.tree.map(lambda x: np.asarray(x, np.float32), params)
     garment = run.data.scene.garment
     model = Model(
         run.config, params, run.template.statistics, garment_hash(garment), len(run.template.T), run.data.fps
     )
     save_model(model, run.folder / MODEL, bits=32)
-
-
-def _as_float(tree: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: _as_float(value) if isinstance(value, dict) else np.asarray(value, np.float32)
-        for key, value in tree.items()
-    }
 
 
 def fitted_model(run_dir: str | Path) -> Model:

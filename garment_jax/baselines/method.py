@@ -33,7 +33,7 @@ class Runner(NamedTuple):
     params: Any  # pytree of arrays
     parameters: int  # numbers in it
     # (scene, motion, name) -> chunks in the world frame: begun from the skinned template where a method has a
-    # last frame, finished exactly as ours (`rollout.stream`)
+    # last frame, finished exactly as ours (`animation.stream`)
     animate: Callable[[Scene, Motion, str], Iterator[Chunk]] | None = None
     # (scene, motions, name) -> V [t_i, n, 3] metres, root frames, side by side; pins as the method says
     rollout_batch: Callable[[Scene, Sequence[Motion], str], list[np.ndarray]] | None = None

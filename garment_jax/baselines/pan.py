@@ -9,6 +9,7 @@ that predicted and fitted bones carry (a quadratic form of the bones' matrices, 
 mesh); the residual's is that of our own detail stage.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.animation.frame_method import FrameMethod, in_chunks, step_of
 from garment_jax.baselines.bones import (
     Bones,
     bones_of,
@@ -25,17 +27,18 @@ from garment_jax.baselines.bones import (
     weighted_rest,
 )
 from garment_jax.baselines.clip_errors import clip_errors
-from garment_jax.baselines.features import columns, normalised
-from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
-from garment_jax.baselines.method import Method, Runner
+from garment_jax.baselines.features import columns, normalised, read_motion
+from garment_jax.baselines.fitting import finish_model, open_baseline
+from garment_jax.baselines.method import Method
 from garment_jax.baselines.pan_network import Hidden, Rig, bone_motions, init_high, make_rig, rollout
 from garment_jax.baselines.pan_residual import train_residual
 from garment_jax.baselines.pan_targets import bone_targets
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, train_recurrent
-from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import CollisionConfig, Config
-from garment_jax.dataset.motion_input import motion_input
-from garment_jax.model.store import Model, template_for
+from garment_jax.baselines.streaming import load_runner
+from garment_jax.body.seeds import Seeds
+from garment_jax.config import Config
+from garment_jax.dataset.template import Template
+from garment_jax.model.store import Model
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run
 
@@ -133,23 +136,19 @@ def _validation(run: Run, rig: Rig, chosen: np.ndarray) -> Any:
     return validate
 
 
-def _live(model: Model, scene: Scene, name: str) -> Live:
-    template, seeds = template_for(model, scene, name)
+def method_on(model: Model, scene: Scene, template: Template, seeds: Seeds) -> FrameMethod:
+    """Return the method on a scene."""
     chosen = columns(scene.body, model.config, READS)
     bones = bones_of(template.T, np.asarray(model.params["weights"]))
     rig = make_rig(template, bones, np.asarray(model.params["mean"]), np.asarray(model.params["deviation"]))
+    roll = partial(rollout, rig=rig, template=template)
 
-    def begin(motion: Motion) -> Beginning:
-        inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
-        x = normalised(inputs.x.M, template, chosen)
-        return Beginning(x, first_state(model.params), inputs.root, inputs.yaw)
+    def inputs(motion: Motion) -> Iterator[np.ndarray]:
+        x = read_motion(motion, scene, model, template, chosen)
+        return in_chunks(x, model.config.rollout.chunk)
 
-    return Live(begin, partial(rollout, rig=rig, template=template))
-
-
-def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
-    """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision, lengths)
+    return FrameMethod(model.params, lambda motion: first_state(model.params), inputs, step_of(roll), roll)
 
 
+load = partial(load_runner, method_on)
 METHOD = Method("pan_2022", "Pan et al. 2022 (virtual bones)", "rollout", fit, load)

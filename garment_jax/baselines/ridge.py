@@ -4,7 +4,8 @@ The cheapest references: closed form, linear. `ridge_static` sees the motion alo
 coefficients of the two frames before, which in a rollout are its own. Not in the paper.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -12,16 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.baselines.features import columns, normalised
-from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
-from garment_jax.baselines.method import Method, Runner
+from garment_jax.animation.frame_method import FrameMethod, in_chunks, step_of
+from garment_jax.animation.network_method import make_motion_start
+from garment_jax.baselines.features import columns, normalised, read_motion
+from garment_jax.baselines.fitting import finish_model, open_baseline
+from garment_jax.baselines.method import Method
 from garment_jax.baselines.principal import coefficients, principal_components
-from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import CollisionConfig, Config
+from garment_jax.baselines.streaming import load_runner
+from garment_jax.body.seeds import Seeds
+from garment_jax.config import Config
 from garment_jax.dataset.batches import spread_frames
-from garment_jax.dataset.motion_input import motion_input
 from garment_jax.dataset.prepared import frames_of
-from garment_jax.model.store import Model, skinned_template, template_for
+from garment_jax.dataset.template import Template
+from garment_jax.model.store import Model
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run
 
@@ -94,30 +98,30 @@ def _fit(name: str, config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, _parameters(run, past=name == "ridge"))
 
 
-def _live(model: Model, scene: Scene, name: str) -> Live:
-    template, seeds = template_for(model, scene, name)
+def method_on(model: Model, scene: Scene, template: Template, seeds: Seeds) -> FrameMethod:
+    """Return the method on a scene, begun from the skinned template as if it had hung so for two frames."""
     chosen = columns(scene.body, model.config, READS)
     params = jax.tree.map(np.asarray, model.params)
+    start = make_motion_start(model, scene, template, seeds)
 
-    def begin(motion: Motion) -> Beginning:
-        inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
-        V = np.asarray(skinned_template(model, template, seeds, inputs)).reshape(-1)
+    def init(motion: Motion) -> np.ndarray:
+        V = np.asarray(start(motion)).reshape(-1)
         c = (V - params["mean"]) @ params["basis"].T / params["deviation"]
-        return Beginning(normalised(inputs.x.M, template, chosen), np.stack([c, c]), inputs.root, inputs.yaw)
+        return np.stack([c, c])
+
+    def inputs(motion: Motion) -> Iterator[np.ndarray]:
+        x = read_motion(motion, scene, model, template, chosen)
+        return in_chunks(x, model.config.rollout.chunk)
 
     def run(params: dict, state: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         # motions are the first axis of a batch's state
         state, flat = rollout(params, jnp.moveaxis(state, -2, 0), x)
         return jnp.moveaxis(state, 0, -2), flat.reshape(*flat.shape[:-1], -1, 3)
 
-    return Live(begin, run)
+    return FrameMethod(model.params, init, inputs, step_of(run), run)
 
 
-def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
-    """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision, lengths)
-
-
+load = partial(load_runner, method_on)
 STATIC = Method(
     "ridge_static",
     "ridge regression, frame by frame",

@@ -7,6 +7,7 @@ displacements: so the squared error is that of the coefficients, and training ne
 Their last step, pushing collided vertices out along the nearest body vertex' normal, is left to our solver.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,20 +17,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from garment_jax.animation.frame_method import FrameMethod, in_chunks, step_of
 from garment_jax.baselines.clip_errors import clip_errors
-from garment_jax.baselines.features import columns, normalised
-from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
-from garment_jax.baselines.method import Method, Runner
+from garment_jax.baselines.features import columns, normalised, read_motion
+from garment_jax.baselines.fitting import finish_model, open_baseline
+from garment_jax.baselines.method import Method
 from garment_jax.baselines.principal import CHUNK, Components, coefficients, principal_components
 from garment_jax.baselines.recurrent import first_hidden, init_recurrent, recur, train_recurrent
-from garment_jax.baselines.streaming import Beginning, Live, make_runner
+from garment_jax.baselines.streaming import load_runner
 from garment_jax.body.garment_skinning import closest_weights, joint_transforms
-from garment_jax.config import CollisionConfig, Config
+from garment_jax.body.seeds import Seeds
+from garment_jax.config import Config
 from garment_jax.dataset.cached_arrays import cached_arrays
-from garment_jax.dataset.motion_input import motion_input
 from garment_jax.dataset.prepared import frames_of
+from garment_jax.dataset.template import Template
 from garment_jax.geometry.skinning import skin, unskin_frames
-from garment_jax.model.store import Model, template_for
+from garment_jax.model.store import Model
 from garment_jax.structs import Motion, Scene
 from garment_jax.training.run import Run, say
 
@@ -176,22 +179,20 @@ def _validation(run: Run, fixed: dict, W: np.ndarray, chosen: np.ndarray) -> Any
     return validate
 
 
-def _live(model: Model, scene: Scene, name: str) -> Live:
-    template, seeds = template_for(model, scene, name)
+def method_on(model: Model, scene: Scene, template: Template, seeds: Seeds) -> FrameMethod:
+    """Return the method on a scene."""
     chosen = columns(scene.body, model.config, READS)
     roll = partial(rollout, T=jnp.asarray(template.T), W=jnp.asarray(model.params["weights"]))
 
-    def begin(motion: Motion) -> Beginning:
-        inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
-        x = PosedInput(normalised(inputs.x.M, template, chosen), *joint_transforms(motion, scene))
-        return Beginning(x, first_hidden(model.params["network"]), inputs.root, inputs.yaw)
+    def inputs(motion: Motion) -> Iterator[PosedInput]:
+        x = read_motion(motion, scene, model, template, chosen)
+        return in_chunks(PosedInput(x, *joint_transforms(motion, scene)), model.config.rollout.chunk)
 
-    return Live(begin, roll)
+    def init(motion: Motion) -> np.ndarray:
+        return first_hidden(model.params["network"])
 
-
-def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
-    """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision, lengths)
+    return FrameMethod(model.params, init, inputs, step_of(roll), roll)
 
 
+load = partial(load_runner, method_on)
 METHOD = Method("santesteban_2019", "Santesteban et al. 2019", "rollout", fit, load)

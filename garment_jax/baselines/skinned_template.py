@@ -1,5 +1,7 @@
 """The template carried rigidly by its seeds: no training, the start of every rollout."""
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,13 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.baselines.fitting import finish_model, fitted_model, open_baseline
-from garment_jax.baselines.method import Method, Runner
-from garment_jax.baselines.streaming import Beginning, Live, make_runner
-from garment_jax.config import CollisionConfig, Config
+from garment_jax.animation.frame_method import FrameMethod, in_chunks, step_of
+from garment_jax.baselines.fitting import finish_model, open_baseline
+from garment_jax.baselines.method import Method
+from garment_jax.baselines.streaming import load_runner
+from garment_jax.body.seeds import Seeds
+from garment_jax.config import Config
 from garment_jax.dataset.motion_input import motion_input
+from garment_jax.dataset.template import Template
 from garment_jax.geometry.skinning import skin, softmax_weights
-from garment_jax.model.store import Model, template_for
+from garment_jax.model.store import Model
 from garment_jax.structs import Motion, Scene
 
 
@@ -39,21 +44,20 @@ def fit(config: Config, run_dir: Path, data_dir: Path) -> None:
         finish_model(run, {})
 
 
-def _live(model: Model, scene: Scene, name: str) -> Live:
-    template, seeds = template_for(model, scene, name)
-    points = jnp.asarray(template.T), jnp.asarray(seeds.points)
-    W = np.asarray(softmax_weights(*points, tau=model.config.body.tau))
+def method_on(model: Model, scene: Scene, template: Template, seeds: Seeds) -> FrameMethod:
+    """Return the method on a scene; it carries nothing from frame to frame."""
+    T, points = jnp.asarray(template.T), jnp.asarray(seeds.points)
+    W = jnp.asarray(np.asarray(softmax_weights(T, points, tau=model.config.body.tau)))
 
-    def begin(motion: Motion) -> Beginning:
-        inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints)
-        return Beginning(SeedFrame(inputs.R_seed, inputs.t_seed), (), inputs.root, inputs.yaw)
+    def inputs(motion: Motion) -> Iterator[SeedFrame]:
+        read = motion_input(motion, scene, seeds, model.config.body.motion_joints)
+        return in_chunks(SeedFrame(read.R_seed, read.t_seed), model.config.rollout.chunk)
 
-    return Live(begin, lambda params, state, x: (state, rollout(points[0], jnp.asarray(W), x)))
+    def roll(params: dict, state: tuple, x: SeedFrame) -> tuple[tuple, jax.Array]:
+        return state, rollout(T, W, x)
 
-
-def load(run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False) -> Runner:
-    """Return the runner of a fitted folder."""
-    return make_runner(fitted_model(run_dir), _live, collision, lengths)
+    return FrameMethod(model.params, lambda motion: (), inputs, step_of(roll), roll)
 
 
+load = partial(load_runner, method_on)
 METHOD = Method("skinned_template", "template skinned to the body", "rollout", fit, load)

@@ -1,113 +1,104 @@
-"""A causal method on one scene as a stream, as chunks in the world, and side by side over motions."""
+"""A causal method in the engine of `infer.py`: chunks in the world, motions side by side, single frames."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from garment_jax.animation.clips import Rollout, rollout_chunks, stack_motions
-from garment_jax.animation.clips import rollout_batch as roll_side_by_side
+from garment_jax.animation.clips import Rollout, rollout_batch
+from garment_jax.animation.frame_method import FrameMethod, stream_motion, whole_inputs
 from garment_jax.animation.stream import Chunk, PostprocessStream
+from garment_jax.baselines.fitting import fitted_model
 from garment_jax.baselines.method import Runner, Stream
+from garment_jax.body.root_frame import headings
+from garment_jax.body.seeds import Seeds
 from garment_jax.config import CollisionConfig
-from garment_jax.dataset.template import scene_template
+from garment_jax.dataset.template import Template
 from garment_jax.io.content_hash import rollout_hash
-from garment_jax.model.store import Model, check_rate
+from garment_jax.model.store import Model, check_rate, template_for
 from garment_jax.structs import Motion, Scene
 
-
-class Beginning(NamedTuple):
-    """A motion as a method reads it."""
-
-    x: Any  # leaves [t, ...] float32
-    state: Any  # before the first frame; leaves without a motion axis
-    root: np.ndarray  # [t, 3] float64 metres
-    yaw: np.ndarray  # [t] radians
+# (model, scene, template and seeds of `template_for`) -> the method on that scene
+MethodOn = Callable[[Model, Scene, Template, Seeds], FrameMethod]
 
 
-class Live(NamedTuple):
-    """A method on one scene: the host's part and the pure part."""
-
-    begin: Callable[[Motion], Beginning]
-    rollout: Rollout
-
-
-class _Compiled(NamedTuple):
-    live: Live
+class _OnScene(NamedTuple):
+    method: FrameMethod
     postprocess: PostprocessStream
-    run: Rollout  # of a chunk
-    step: Rollout  # of a frame, without a time axis
+    rollout: Rollout  # compiled
+    step: Rollout  # compiled
 
 
-def _compile(live: Live, postprocess: PostprocessStream) -> _Compiled:
-    def one(params: Any, state: Any, x: Any) -> tuple[Any, jax.Array]:
-        state, V = live.rollout(params, state, jax.tree.map(lambda leaf: leaf[None], x))
-        return state, V[0]
+class _Streamed:
+    """A model on any scene of its garment; a scene's programs are compiled once, whatever the motions."""
 
-    return _Compiled(live, postprocess, jax.jit(live.rollout), jax.jit(one))
+    def __init__(self, model: Model, method_on: MethodOn, collision: bool) -> None:
+        self._model, self._method_on, self._collision = model, method_on, collision
+        self._scenes: dict[str, _OnScene] = {}
 
+    def animate(self, scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
+        made = self._on(scene, name, motion)
+        pieces = stream_motion(made.method, made.rollout, motion)
+        yield from made.postprocess(motion, motion.root.astype(np.float64), headings(motion), pieces)
 
-def make_runner(
-    model: Model,
-    live_on: Callable[[Model, Scene, str], Live],
-    collision: CollisionConfig | None = None,
-    lengths: bool = False,
-) -> Runner:
-    """Return the runner of a motion-driven method; `live_on` refuses a scene of another garment.
+    def rollout_batch(self, scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
+        made = self._on(scene, name, *motions)
+        state = jax.tree.map(lambda *leaves: np.stack(leaves), *map(made.method.init, motions))
+        x = [whole_inputs(made.method, motion) for motion in motions]
+        chunk = self._model.config.rollout.chunk
+        return rollout_batch(made.rollout, made.method.params, state, x, chunk=chunk)
 
-    `collision`: handle limbs and collisions as for ours; without it they are left as they come, and so are
-    edges without `lengths`.
-    """
-    chunk, known = model.config.rollout.chunk, dict[str, _Compiled]()
-    config = replace(model.config, rollout=replace(model.config.rollout, lengths=lengths))
-    config = config if collision is None else replace(config, collision=collision)
-
-    def compiled(scene: Scene, name: str) -> _Compiled:
-        """Programs are compiled once for a scene, whatever the clips."""
-        key = rollout_hash(scene)
-        if key not in known:
-            template = scene_template(scene, model.statistics, config)
-            postprocess = PostprocessStream(config, scene, template, collision=collision is not None)
-            known[key] = _compile(live_on(model, scene, name), postprocess)
-        return known[key]
-
-    def stream(scene: Scene, motion: Motion, name: str) -> Stream:
-        made = compiled(scene, name)
-        check_rate(model, motion, name)
-        first = made.live.begin(motion)
+    def stream(self, scene: Scene, motion: Motion, name: str) -> Stream:
+        method, _, rollout, step = self._on(scene, name, motion)
         return Stream(
-            first.x,
-            first.state,
-            lambda state, x: made.step(model.params, state, x),
-            lambda state, x: made.run(model.params, state, x),
-            first.root,
-            first.yaw,
+            whole_inputs(method, motion),
+            method.init(motion),
+            lambda state, x: step(method.params, state, x),
+            lambda state, x: rollout(method.params, state, x),
+            motion.root.astype(np.float64),
+            headings(motion),
         )
 
-    def animate(scene: Scene, motion: Motion, name: str) -> Iterator[Chunk]:
-        made = stream(scene, motion, name)
-        x = one_motion(made.x, chunk)
-        pieces = rollout_chunks(compiled(scene, name).run, model.params, made.state, x, chunk=chunk)
-        yield from compiled(scene, name).postprocess(motion, made.root, made.yaw, pieces)
-
-    def rollout_batch(scene: Scene, motions: Sequence[Motion], name: str) -> list[np.ndarray]:
-        made = compiled(scene, name)
+    def _on(self, scene: Scene, name: str, *motions: Motion) -> _OnScene:
         for motion in motions:
-            check_rate(model, motion, name)
-        begun = [made.live.begin(motion) for motion in motions]
-        state = jax.tree.map(lambda *leaves: np.stack(leaves), *(b.state for b in begun))
-        return roll_side_by_side(made.run, model.params, state, [b.x for b in begun], chunk=chunk)
+            check_rate(self._model, motion, name)
+        key = rollout_hash(scene)
+        if key not in self._scenes:
+            model = self._model
+            template, seeds = template_for(model, scene, name)
+            method = self._method_on(model, scene, template, seeds)
+            postprocess = PostprocessStream(model.config, scene, template, collision=self._collision)
+            compiled = jax.jit(method.rollout), jax.jit(method.step)
+            self._scenes[key] = _OnScene(method, postprocess, *compiled)
+        return self._scenes[key]
 
-    return Runner(model.params, count(model.params), animate, rollout_batch, stream)
+
+def make_runner(model: Model, method_on: MethodOn, *, collision: bool) -> Runner:
+    """Return the runner of a causal method; what comes after it is as `model.config` says.
+
+    Without `collision` limbs and collisions are left as they come.
+    """
+    made = _Streamed(model, method_on, collision)
+    return Runner(model.params, count(model.params), made.animate, made.rollout_batch, made.stream)
+
+
+def load_runner(
+    method_on: MethodOn, run_dir: Path, collision: CollisionConfig | None = None, lengths: bool = False
+) -> Runner:
+    """Return the runner of a fitted baseline's folder.
+
+    `collision`: handle limbs and collisions so; without it they are left as they come, and so are edges
+    without `lengths`. Raises `FileNotFoundError` before the fit has ended.
+    """
+    model = fitted_model(run_dir)
+    config = replace(model.config, rollout=replace(model.config.rollout, lengths=lengths))
+    config = config if collision is None else replace(config, collision=collision)
+    return make_runner(model._replace(config=config), method_on, collision=collision is not None)
 
 
 def count(params: Any) -> int:
     """Return how many numbers `params` hold."""
     return sum(int(np.size(leaf)) for leaf in jax.tree.leaves(params))
-
-
-def one_motion(x: Any, chunk: int) -> Any:
-    """Return a motion's inputs (leaves `[t, ...]`) padded to a multiple of `chunk` frames."""
-    return jax.tree.map(lambda leaf: leaf[:, 0], stack_motions([x], chunk)[0])

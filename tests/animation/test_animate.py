@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from garment_jax import progress
-from garment_jax.animation import network_rollout
+from garment_jax.animation import network_method
 from garment_jax.animation.animate import animate, animate_file, training_range
 from garment_jax.body import frame_windows
 from garment_jax.body.kinematics import joint_positions, pose_points
@@ -255,7 +255,7 @@ def _written(folder: Path, frames: int) -> tuple[np.ndarray, int]:
 
 def test_memory_does_not_grow_with_a_motions_length(tmp_path: Path, monkeypatch):
     """Rotations alone take 252 bytes a frame of these 7 joints, the networks' inputs as much again."""
-    for module in (frame_windows, network_rollout, sequence_writer):
+    for module in (frame_windows, network_method, sequence_writer):
         monkeypatch.setattr(module, "AT_ONCE", 64)
     short, long = (_written(tmp_path, frames)[1] for frames in (200, 2200))
     assert (long - short) / 2000 < 120  # positions of the root and its heading, a few numbers a frame
@@ -263,6 +263,6 @@ def test_memory_does_not_grow_with_a_motions_length(tmp_path: Path, monkeypatch)
 
 def test_frames_are_the_same_in_stretches_of_any_length(tmp_path: Path, monkeypatch):
     whole = _written(tmp_path, 150)[0]
-    for module in (frame_windows, network_rollout, sequence_writer):
+    for module in (frame_windows, network_method, sequence_writer):
         monkeypatch.setattr(module, "AT_ONCE", 64)
     np.testing.assert_allclose(_written(tmp_path, 150)[0], whole, atol=1e-5, rtol=0)

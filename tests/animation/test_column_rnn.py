@@ -12,7 +12,8 @@ import pytest
 
 from garment_jax.animation.animate import make_animator
 from garment_jax.animation.clips import rollout_batch, rollout_many
-from garment_jax.animation.network_rollout import make_network_rollout
+from garment_jax.animation.frame_method import stream_motion
+from garment_jax.animation.network_method import compile_networks, network_method
 from garment_jax.animation.plan import make_plan
 from garment_jax.animation.variants import VARIANTS, apply_variant, variants_of
 from garment_jax.aot_cache import ProgramStore
@@ -108,9 +109,9 @@ def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
     np.testing.assert_allclose(np.stack(frames), V, atol=1e-5, rtol=0)
     alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.codes), x)[1]
     assert np.abs(np.asarray(alone) - V).max() > 0.01
-    roll = make_network_rollout(model, SCENE, tables_, detail=True, programs=ProgramStore(None), facts={})
-    inputs = inputs_of(clip)
-    pieces = list(roll(clip, skinned_template(model, tables_, seeds(), inputs)))
+    method = network_method(model, SCENE, tables_, seeds())
+    run = compile_networks(method, model, SCENE, tables_, programs=ProgramStore(None), facts={})
+    pieces = list(stream_motion(method, run, clip))
     assert [start for start, _ in pieces] == [0, 16]
     streamed = np.concatenate([np.asarray(piece) for _, piece in pieces])[:20]
     np.testing.assert_allclose(streamed, V, atol=1e-5, rtol=0)
