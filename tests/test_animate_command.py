@@ -139,17 +139,18 @@ def test_every_ending_is_written_and_replaced_with_force_alone(
 def test_a_long_glb_takes_as_many_frames_as_viewers_do(model: str, here: Path, quick, monkeypatch, capsys):
     monkeypatch.setattr("garment_jax.export.glb.MOST_TARGETS", 4)
     assert main(["animate", model, "--out", "a.glb"]) == 0
-    assert "a.glb: every 3th frame is a morph target" in capsys.readouterr().out
+    assert "a.glb: one frame in 3 is a morph target" in capsys.readouterr().out
     assert main(["animate", model, "--out", "b.glb", "--every", "0"]) == 2
     assert "error: b.animation.h5: frames 0 " in capsys.readouterr().err  # no scratch folder's name
     assert names(here) == ["a.glb"]
 
 
-def test_a_gif_has_the_clips_length(model: str, here: Path, quick):
+@pytest.mark.parametrize("name", ["a.gif", "a.webp"])
+def test_a_film_has_the_clips_length(model: str, here: Path, quick, name: str):
     from PIL import Image
 
-    assert main(["animate", model, "--out", "a.gif", "--height", "32", *FAST]) == 0
-    with Image.open(here / "a.gif") as film:
+    assert main(["animate", model, "--out", name, "--height", "32", *FAST]) == 0
+    with Image.open(here / name) as film:
         assert (film.height, film.n_frames) == (32, FRAMES // 2)
 
 

@@ -17,6 +17,7 @@ ENDINGS = {  # of each format; the first is what a name gets that is made here
     "npz": (".npz",),
     "h5": (".h5",),
     "mp4": (".mp4",),
+    "webp": (".webp",),
     "gif": (".gif",),
     "png": (".png",),
 }

@@ -17,6 +17,7 @@ NEXT = {
     "npz": "numpy.load it: vertices, faces, uv, body_vertices",
     "h5": "garment-jax view, export and evaluate read it",
     "mp4": "play it",
+    "webp": "open it in a browser",
     "gif": "open it in a browser",
     "png": "look at it",
 }
@@ -59,7 +60,7 @@ def write_as(
         files = [sequence.rename(made)]
     elif output.format == "html":
         files = [_page(sequence, made, shape, title)]
-    elif output.format in ("mp4", "gif", "png"):
+    elif output.format in ("mp4", "webp", "gif", "png"):
         files = [_pictures(sequence, made, shape, title)]
     else:
         files = _meshes(sequence, made, output.format, shape)
@@ -105,7 +106,7 @@ def _morph_targets(sequence: Path, name: str, given: dict[str, Any]) -> dict[str
         every = -(-max(clip.frames - 1, 1) // MOST_TARGETS)
     if every > 1:
         print(
-            f"{name}: every {every}th frame is a morph target, with straight lines between, for viewers take "
+            f"{name}: one frame in {every} is a morph target, with straight lines between, for viewers take "
             f"{MOST_TARGETS}; --every says otherwise, .usdc and .abc hold every frame"
         )
     return given | {"every": every}

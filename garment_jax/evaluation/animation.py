@@ -1,4 +1,4 @@
-"""A short film of a clip as an animated GIF: simulated, predicted and the error side by side."""
+"""Pictures as a looping film: a GIF, whose palette bands smooth shading, or a WebP."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -42,4 +42,20 @@ def save_gif(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, col
         duration=[int(d) for d in 10 * np.diff(edges)],
         loop=0,
         comment=WRITER.encode(),
+    )
+
+
+def save_webp(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, quality: int = 80) -> None:
+    """Write `pictures` `[h, w, 3]` uint8 as a looping WebP, in all colours; `quality` from 0 to 100."""
+    images = [Image.fromarray(p) for p in pictures]
+    edges = np.round(1e3 * np.arange(len(images) + 1) / film_fps)  # milliseconds
+    images[0].save(
+        path,
+        format="WEBP",
+        save_all=True,
+        append_images=images[1:],
+        duration=[int(d) for d in np.diff(edges)],
+        loop=0,
+        quality=quality,
+        method=6,
     )

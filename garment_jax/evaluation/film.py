@@ -1,4 +1,4 @@
-"""A sequence file as a film, .mp4 or .gif, or as one picture of it, .png; the whole body in view."""
+"""A sequence file as a film, .mp4, .webp or .gif, or as one picture of it, .png; the whole body in view."""
 
 import shutil
 import subprocess
@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.evaluation.animation import film_frames, save_gif
+from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
 from garment_jax.evaluation.colours import KINDS, TRUTH
 from garment_jax.evaluation.portrait import frame_portrait
 from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture, read_frames
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.whole import written_whole
 
-FPS = {".gif": 15.0, ".mp4": 30.0}
+FPS = {".gif": 15.0, ".webp": 15.0, ".mp4": 30.0}
 SUPERSAMPLING = 2
 _PROBES = 12  # frames that decide what is in view
 _SMALLEST, _LARGEST = 32, 4096  # pixels
@@ -32,7 +32,7 @@ def film_file(
     """Write the film `out` of a sequence file, `height` pixels high, and return it.
 
     The camera follows the body and keeps its direction, `azimuth` degrees from the first frame's front. A
-    .mp4 (30 frames a second) needs ffmpeg; a .gif has 15. `progress` is called with the frames drawn and
+    .mp4 (30 frames a second) needs ffmpeg; a .webp and a .gif have 15. `progress` is called with the frames drawn and
     those to draw. Raises `ValueError` or `OSError` in one sentence; then nothing is written.
     """
     out = Path(out)
@@ -44,6 +44,8 @@ def film_file(
         pictures = _pictures(clip, shown, height, azimuth, progress)
         if suffix == ".gif":
             save_gif(made, pictures, film_fps=rate)
+        elif suffix == ".webp":
+            save_webp(made, pictures, film_fps=rate)
         else:
             _save_mp4(made, pictures, rate)
     return out
@@ -70,7 +72,7 @@ def find_ffmpeg() -> str:
         from imageio_ffmpeg import get_ffmpeg_exe  # type: ignore[import-not-found]  # optional
 
         return get_ffmpeg_exe()
-    raise ValueError(".mp4 needs ffmpeg, which is not here; pip install imageio-ffmpeg, or write a .gif.")
+    raise ValueError(".mp4 needs ffmpeg, which is not here; pip install imageio-ffmpeg, or write a .webp.")
 
 
 def check_height(height: int) -> None:
@@ -128,4 +130,4 @@ def _save_mp4(path: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
             raise
         said = process.stderr.read().decode(errors="replace").strip()
         if process.wait():
-            raise OSError(f"ffmpeg could not write {path.name} ({said[-200:]}); write a .gif instead.")
+            raise OSError(f"ffmpeg could not write {path.name} ({said[-200:]}); write a .webp instead.")

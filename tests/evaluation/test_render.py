@@ -4,7 +4,7 @@ import pytest
 from PIL import Image
 
 from garment_jax.evaluation import render
-from garment_jax.evaluation.animation import film_frames, save_gif
+from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
 from garment_jax.evaluation.colours import HEAT, heat, round_scale
 from garment_jax.evaluation.render import render_files
 from garment_jax.evaluation.shading import vertex_normals
@@ -129,15 +129,17 @@ def test_scale_is_round_and_covers_99_of_100():
     assert round_scale(np.append(np.full(999, 2.0), 90.0)) == 2.0
 
 
-def test_film_keeps_the_clips_speed(tmp_path):
+@pytest.mark.parametrize(("name", "save"), [("a.gif", save_gif), ("a.webp", save_webp)])
+def test_film_keeps_the_clips_speed(tmp_path, name, save):
     np.testing.assert_array_equal(film_frames(100, 30.0, film_fps=15.0, seconds=1.0), np.arange(0, 30, 2))
     np.testing.assert_array_equal(film_frames(5, 10.0, film_fps=15.0, seconds=9.0), np.arange(5))
     noise = np.random.default_rng(9).integers(0, 255, (15, 8, 8, 3), dtype=np.uint8)
-    save_gif(tmp_path / "a.gif", list(noise), film_fps=15.0)
+    save(tmp_path / name, list(noise), film_fps=15.0)
     total = 0
-    with Image.open(tmp_path / "a.gif") as film:
+    with Image.open(tmp_path / name) as film:
         for k in range(film.n_frames):
             film.seek(k)
+            film.load()
             total += film.info["duration"]
     assert total == 1000
 
