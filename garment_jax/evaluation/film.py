@@ -32,8 +32,8 @@ def film_file(
     """Write the film `out` of a sequence file, `height` pixels high, and return it.
 
     The camera follows the body and keeps its direction, `azimuth` degrees from the first frame's front. A
-    .mp4 (30 frames a second) needs ffmpeg; a .webp and a .gif have 15. `progress` is called with the frames drawn and
-    those to draw. Raises `ValueError` or `OSError` in one sentence; then nothing is written.
+    .mp4 (30 frames a second) needs ffmpeg; a .webp and a .gif have 15. `progress` is called with the frames
+    drawn and those to draw. Raises `ValueError` or `OSError` in one sentence; then nothing is written.
     """
     out = Path(out)
     suffix = out.suffix.lower()
