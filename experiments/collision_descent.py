@@ -1,6 +1,6 @@
 """Plain and accelerated projected gradient on one frame, step by step, from the package's own pieces.
 
-`jax.grad` of the smooth energy, `lift` and `closest_point_from`, on the whole mesh, with new correspondences
+`jax.grad` of the smooth energy and `closest_point_from`, on the whole mesh, with new correspondences
 every REFRESH steps.
 """
 
@@ -15,7 +15,6 @@ from collision_frame import EPS, REACH, Frame, objective_mm
 
 from garment_jax.geometry.closest_point import closest_point_from
 from garment_jax.geometry.laplacian import laplacian
-from garment_jax.postprocess.collision.projection import lift
 
 REFRESH = 20  # steps between two searches for correspondences
 RUNS = 3  # timed
@@ -43,7 +42,8 @@ def make_steps(frame: Frame, moving: np.ndarray, *, accelerated: bool):
     def step(_, carry, at):
         x, y, theta = carry
         ahead = jnp.where(mask, y - rate * jax.grad(energy)(y), 0.0)
-        height = jnp.where(moving & (at.ds < REACH), lift(frame.V + ahead, at, EPS), 0.0)
+        short = EPS - ((frame.V + ahead - at.point) * at.direction).sum(axis=-1)
+        height = jnp.where(moving & (at.ds < REACH), jnp.maximum(short, 0.0), 0.0)
         new = ahead + height[:, None] * at.direction
         if not accelerated:
             return new, new, theta

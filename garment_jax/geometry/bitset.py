@@ -4,6 +4,9 @@
 the k-th marked one is found by counting bits.
 """
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +16,8 @@ from garment_jax.geometry.noinline import fusion_barrier, noinline
 
 WORD = 32  # places whose marks share an integer
 STEP = 32  # rows that are passed at once, a power of two
+
+T = TypeVar("T")
 
 
 def pack(mask: Bool[Array, "r k"]) -> UInt32[Array, "r w"]:
@@ -47,6 +52,40 @@ def select(
     """
     row, rank = _row_of(first + jnp.arange(size, dtype=jnp.int32), up_to)
     return row, _place_of(words, row, rank), first + jnp.arange(size, dtype=jnp.int32) < up_to[-1]
+
+
+@noinline
+def marked(mask: Bool[Array, " n"]) -> tuple[UInt32[Array, "r 1"], Int[Array, " r"]]:
+    """Return the marks in words, and the number of marks up to and including each word."""
+    words = pack_words(jnp.pad(mask, (0, -len(mask) % WORD)).reshape(-1, 1, WORD))
+    return words, marked_up_to(words)
+
+
+@noinline
+def places(
+    first: Int[Array, ""] | int, size: int, words: UInt32[Array, "r 1"], up_to: Int[Array, " r"], n: int
+) -> tuple[Int[Array, " size"], Int[Array, " size"]]:
+    """Return the `size` places of `n` that are `marked`, from the mark number `first` on, twice.
+
+    Beyond the last one the first answer is some place, to read from; the second one n, to write nowhere.
+    """
+    word, bit, valid = select(first, size, words, up_to)
+    to = jnp.where(valid, word * WORD + bit, n)
+    return jnp.minimum(to, n - 1), to
+
+
+def in_chunks(mask: Bool[Array, " n"], chunk: Callable[[Array, Array, T], T], made: T, size: int) -> T:
+    """Return what is made after `chunk(places, where to write, made)` for all that are marked (`places`).
+
+    `size` at a time: few are.
+    """
+    words, up_to = marked(mask)
+
+    def one(state: tuple[Array, T]) -> tuple[Array, T]:
+        first, made = state
+        return first + size, chunk(*places(first, size, words, up_to, len(mask)), made)
+
+    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), made))[1]
 
 
 @noinline

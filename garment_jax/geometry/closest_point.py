@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_search import (
     PosedSurface,
-    coordinates_of,
     distance_to,
     distance_to_corner,
     nearest_leaf,

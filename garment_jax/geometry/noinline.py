@@ -3,6 +3,10 @@
 A producer fused into a gather is evaluated once per gathered element. XLA's CPU executor runs up to eight
 operations of a computation in order and hands more of them to a thread pool, whatever their size: a fifth
 of a frame's collision handling. A function that is called instead of inlined stops both.
+
+Its gain (docs/lab_notes.md, 2026-11-28): without any, collision handling takes 1.85 to 2.16 times as long. It
+stays in the loops of the search (`surface_search`, `closest_point`, `ray_winding`, `bitset`), in the steps of
+the descent and of the elastic energy, and in what the solver does in every frame.
 """
 
 from collections.abc import Callable

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from garment_jax.geometry.bitset import WORD, marked_up_to, pack, select, word_bits
+from garment_jax.geometry.gather import coordinates_of, first_numbers, numbers_at
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_tables import BRANCH, LEAF, SurfaceTables
 from garment_jax.geometry.triangle import cross, dot, most, squared_distance, squared_length
@@ -48,7 +49,7 @@ class Nearest(NamedTuple):
 def pose_surface(vertices: Float[Array, "c 3"], tables: SurfaceTables) -> PosedSurface:
     """Return the searchable form of the mesh at `vertices` (any frame, metres)."""
     flat, origin = _centred(jnp.asarray(vertices))
-    leaves = _leaves(flat, tables)
+    leaves = coordinates_of(tables.corners.T, flat)  # leaves last: what XLA runs eight at a time
     slab = _slabs(leaves, _normals(tables.spread, flat), 1)
     branch_slab = _slabs(leaves, _normals(tables.branch_spread, flat), BRANCH)
     bounds, low, high = _boxes(leaves, slab)
@@ -64,12 +65,6 @@ def _centred(vertices: Float[Array, "c 3"]) -> tuple[Array, Array]:
 
 
 @noinline
-def _leaves(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "3 u l"]:
-    """Return the vertices of the leaves, leaves last: what XLA runs eight at a time."""
-    return coordinates_of(tables.corners.T, flat)
-
-
-@noinline
 def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Array, Array, Array]:
     """Return `bounds`, `low` and `high` of `PosedSurface`."""
     low, high = leaves.min(axis=1), leaves.max(axis=1)
@@ -81,8 +76,8 @@ def _boxes(leaves: Float[Array, "3 u l"], slab: Float[Array, "5 l"]) -> tuple[Ar
 @noinline
 def _corner_rows(flat: Float[Array, " c3"], tables: SurfaceTables) -> Float[Array, "l k"]:
     named = tables.faces.reshape(-1, LEAF, 3).transpose(0, 2, 1).reshape(-1, 1, 3 * LEAF)
-    named = named + _firsts(flat).reshape(1, 3, 1)
-    return _gathered(flat, named.reshape(len(named), -1))
+    named = named + first_numbers(flat).reshape(1, 3, 1)
+    return numbers_at(named.reshape(len(named), -1), flat)
 
 
 @noinline
@@ -253,24 +248,6 @@ def _noted(
     return key, where.at[jnp.where(won, target, len(key))].set(its, mode="drop")
 
 
-def coordinates_of(rows: Int[Array | np.ndarray, "*k"], flat: Float[Array, " c3"]) -> Array:
-    """Return the coordinates `[3, *k]` of these vertices, of all coordinates one after the other.
-
-    Where tables name them, give those as they are, in NumPy: XLA computes what is made of a constant, a
-    transpose, a sum, anew for every number gathered.
-    """
-    return _gathered(flat, rows[None] + _firsts(flat).reshape(3, *(1 for _ in rows.shape)))
-
-
-def _firsts(flat: Array) -> np.ndarray:
-    """Return where each coordinate's numbers begin in `flat`."""
-    return np.int32(len(flat) // 3) * np.arange(3, dtype=np.int32)
-
-
-def _gathered(flat: Array, places: Array | np.ndarray) -> Array:
-    return flat.at[jnp.asarray(places)].get(mode="promise_in_bounds", wrap_negative_indices=False)
-
-
 def _key(squared: Array, slots: Array | int) -> Array:
     """Return integers ordered like `squared` (>= 0) with the slot in the four lowest bits.
 
@@ -338,7 +315,7 @@ def distance_to(
 ) -> Float[Array, " n"]:
     """Return the distance to a named triangle, a hair too large: an upper bound for the nearest one."""
     vertex = fusion_barrier(jnp.asarray(tables.faces)[triangle].T)
-    corners = fusion_barrier(coordinates_of(vertex, surface.flat))
+    corners = coordinates_of(vertex, surface.flat)
     squared = squared_distance(points, corners[..., None])[:, 0]
     return jnp.sqrt(squared) * (1 + 1e-4) + 1e-6
 

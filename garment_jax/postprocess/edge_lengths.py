@@ -69,7 +69,8 @@ def restore_lengths(
     def step(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         x, y, theta, _, steps = carry
         downhill = elastic_gradient(y, edges, tables) / tables.lipschitz
-        new, y, theta = accelerated(jnp.where(movable[None], y - downhill, 0.0), x, y, theta)
+        new = jnp.where(movable[None], y - downhill, 0.0)
+        y, theta = accelerated(new, x, y, theta)
         return new, y, theta, jnp.square(new - x).sum(axis=0).max(), steps + 1
 
     one = jnp.ones((), P.dtype)

@@ -31,20 +31,21 @@ class FrameFigures(NamedTuple):
 
 @noinline
 def correction_of(
-    V: Float[Array, "n 3"], V_f: Float[Array, "n 3"], free: Bool[np.ndarray, " n"]
-) -> Float[Array, "n 3"]:
-    """Return V - V_f of the `free` vertices, metres; 0 for the others and where a NaN was left alone."""
+    V: Float[Array, "n 3"],
+    V_f: Float[Array, "n 3"],
+    last: Float[Array, "n 3"],
+    begun: Bool[Array, ""],
+    free: Bool[np.ndarray, " n"],
+) -> tuple[Float[Array, "n 3"], Float[Array, ""]]:
+    """Return V - V_f of the `free` vertices, 0 for the others and where a NaN was left alone; and its pop.
+
+    That is the largest change of a vertex' correction since the `last` frame, 0 where none has `begun`.
+    Metres.
+    """
     kept = jnp.asarray(np.repeat(free[:, None], 3, axis=1).astype(V.dtype))
     correction = kept * (V - V_f)
-    return jnp.where(jnp.isfinite(correction), correction, 0.0)
-
-
-@noinline
-def pop_of(
-    correction: Float[Array, "n 3"], last: Float[Array, "n 3"], begun: Bool[Array, ""]
-) -> Float[Array, ""]:
-    """Return the largest change of a vertex' correction since the last frame, metres; 0 without one."""
-    return jnp.where(begun, jnp.sqrt(((correction - last) ** 2).sum(axis=-1).max()), 0.0)
+    correction = jnp.where(jnp.isfinite(correction), correction, 0.0)
+    return correction, jnp.where(begun, jnp.sqrt(((correction - last) ** 2).sum(axis=-1).max()), 0.0)
 
 
 def join_figures(parts: list[FrameFigures]) -> FrameFigures:

@@ -30,6 +30,7 @@ from garment_jax.geometry.elastic import (
 from garment_jax.geometry.laplacian import LaplacianTable
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.geometry.triangle import cross, dot, minus
+from garment_jax.postprocess.collision.result import chosen
 
 CORE = 0.8  # part of a limb's radius within which a way counts as through it
 SPREAD = 0.13  # metres over which bending lets a displacement die away
@@ -103,8 +104,7 @@ def undo_crossings(
     x = jnp.where(finite & ((x * x).sum(axis=1, keepdims=True) >= GONE**2), x, 0.0)
     V = jnp.where(x == 0, V_f, V_f + x)
     following = CrossingState(V, bones, x, jnp.array(True))
-    following = jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
-    return following, V, pierced.sum().astype(jnp.int32)
+    return chosen(finite, following, state), V, pierced.sum().astype(jnp.int32)
 
 
 def after_collisions(
@@ -165,7 +165,7 @@ def _held(
         new = y - jnp.where(movable[None], elastic_gradient(y, edges, elastic), 0.0) / elastic.lipschitz
         for b in range(len(planes)):
             new = new + jnp.maximum(height[b] - dot(direction[b], new), 0.0)[None] * direction[b]
-        return accelerated(new, x, y, theta)
+        return new, *accelerated(new, x, y, theta)
 
     x = ordered(state.x.T, elastic)
     wanted = direction.any() | x.any()

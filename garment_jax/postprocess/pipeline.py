@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from garment_jax.geometry.strain_limit import strain_limited
 from garment_jax.postprocess.collision.projection import initial_state
@@ -20,7 +20,7 @@ from garment_jax.postprocess.collision.result import CollisionResult, CollisionS
 from garment_jax.postprocess.collision.solver import resolve_collisions
 from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
-from garment_jax.postprocess.figures import FrameFigures, correction_of, pop_of
+from garment_jax.postprocess.figures import FrameFigures, correction_of
 from garment_jax.postprocess.limb_crossings import (
     CrossingState,
     after_collisions,
@@ -34,7 +34,6 @@ from garment_jax.postprocess.rest import (
     freeze,
     init_rest,
     next_rest,
-    rest_outcome,
 )
 from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
 
@@ -121,10 +120,16 @@ def contact_step(
 ) -> tuple[ContactState, Float[Array, "n 3"], FrameFigures]:
     """Return the next state, `V_f` outside the body and on its side of the limbs, and what that took."""
     frames, kept = at_rest(state.rest, V_f, frame.collider)
-    crossings, V, pierced = _uncrossed(state, V_f, frame, kept, tables)
+    rest, undo = state.rest, lambda: (state.crossings, V_f, jnp.int32(0))
+    if tables.crossings is not None and state.crossings is not None:
+        follow = partial(undo_crossings, free=jnp.asarray(tables.free), tables=tables.crossings)
+        undo = partial(follow, state.crossings, V_f, frame.bones)
+    crossings, V, pierced = jax.lax.cond(
+        kept, lambda: (state.crossings, V_f + rest.correction, rest.pierced), undo
+    )
     result, collision = _resolved(state.collision, V, V_f, frame, kept, tables)
     result, collision = freeze(result, collision, V, kept)
-    correction = correction_of(result.V, V_f, tables.free)
+    correction, pop = correction_of(result.V, V_f, state.correction, state.begun, tables.free)
     if crossings is not None:
         crossings = after_collisions(crossings, result.V, correction, (pierced > 0) & ~kept)
     found = RestState(
@@ -138,33 +143,18 @@ def contact_step(
         outcome=result.outcome,
         pierced=pierced,
     )
-    rest = next_rest(state.rest, found, kept)
+    rest, outcome = next_rest(rest, found, kept)
     figures = FrameFigures(
         deepest_before=rest.deepest,
         deepest_after=result.deepest_after,
         penetrating_before=rest.penetrating,
         penetrating_after=result.penetrating_after,
         steps=result.steps,
-        outcome=rest_outcome(result.outcome, rest.outcome, kept),
+        outcome=outcome,
         pierced=pierced,
-        pop=pop_of(correction, state.correction, state.begun),
+        pop=pop,
     )
     return ContactState(collision, correction, jnp.array(True), rest, crossings), result.V, figures
-
-
-def _uncrossed(
-    state: ContactState, V_f: Float[Array, "n 3"], frame: BodyFrame, kept: Array, tables: ContactTables
-) -> tuple[CrossingState | None, Float[Array, "n 3"], Int[Array, ""]]:
-    """Return `undo_crossings`; with the last frame's correction where that is `kept`."""
-
-    def moving() -> tuple[CrossingState | None, Array, Array]:
-        if tables.crossings is None or state.crossings is None:
-            return state.crossings, V_f, jnp.int32(0)
-        free = jnp.asarray(tables.free)
-        return undo_crossings(state.crossings, V_f, frame.bones, free=free, tables=tables.crossings)
-
-    rest = state.rest
-    return jax.lax.cond(kept, lambda: (state.crossings, V_f + rest.correction, rest.pierced), moving)
 
 
 def _resolved(

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.geometry.noinline import noinline
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, chosen
 
 STILL = 1e-4  # metres: a body whose vertices stay within this of where they were stands
 SETTLE = 15  # frames of a standing body that are resolved as any other: folds come to rest
@@ -65,23 +65,23 @@ def freeze(
     frozen = kept & (result.outcome == Outcome.MARGIN_MISSED) & (result.penetrating_before == 0)
     frozen_state = state._replace(V=held.T, outside=jnp.ones_like(state.outside))
     V = jnp.where(frozen, held, result.V)
-    return result._replace(V=V), jax.tree.map(lambda a, b: jnp.where(frozen, a, b), frozen_state, state)
+    return result._replace(V=V), chosen(frozen, frozen_state, state)
 
 
 @noinline
-def next_rest(state: RestState, found: RestState, kept: Bool[Array, ""]) -> RestState:
-    """Return what follows a frame `found` so; one that `kept` the correction says of before what is known."""
+def next_rest(state: RestState, found: RestState, kept: Bool[Array, ""]) -> tuple[RestState, Int[Array, ""]]:
+    """Return what follows a frame `found` so, and its outcome.
+
+    A frame that `kept` the correction says of before what is known; one that needs nothing more, of its
+    outcome as well.
+    """
     known = found._replace(
         deepest=state.deepest,
         penetrating=state.penetrating,
         outcome=state.outcome,
         pierced=state.pierced,
     )
-    new = jax.tree.map(lambda old, now: jnp.where(kept, old, now), known, found)
-    return new._replace(collider=jnp.where(found.frames > 0, state.collider, found.collider))
-
-
-def rest_outcome(outcome: Int[Array, ""], known: Int[Array, ""], kept: Bool[Array, ""]) -> Int[Array, ""]:
-    """Return the outcome: a correction that is kept needs nothing more, and is what it was `known` as."""
-    nothing = kept & (outcome == Outcome.NOTHING_TO_DO)
-    return jnp.where(nothing, jnp.minimum(known, Outcome.STEPS_SPENT), outcome)
+    new = chosen(kept, known, found)
+    new = new._replace(collider=jnp.where(found.frames > 0, state.collider, found.collider))
+    nothing = kept & (found.outcome == Outcome.NOTHING_TO_DO)
+    return new, jnp.where(nothing, jnp.minimum(new.outcome, Outcome.STEPS_SPENT), found.outcome)

@@ -4,21 +4,20 @@ A vertex that was outside in the last frame must cross the surface to be inside 
 as far as it and the surface can have moved against each other; with nothing that near it is outside.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, Bool, Float, Int
 
-from garment_jax.geometry.bitset import WORD, marked_up_to, pack_words, select
+from garment_jax.geometry.bitset import WORD, in_chunks
 from garment_jax.geometry.closest_point import signed_on
+from garment_jax.geometry.gather import coordinates_of, gathered
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_search import (
     SLACK,
     PosedSurface,
-    coordinates_of,
     distance_to,
     search,
 )
@@ -30,7 +29,6 @@ Movement = tuple[Float[Array, "3 g"], Float[Array, " g"]]  # mean step and how f
 ANSWERS = 128  # vertices whose correspondence is made at a time
 TOGETHER = 8  # of them that search as a group where few search again
 BRANCHES = 64  # of the surface that are compared with all groups at a time
-T = TypeVar("T")
 PATCH = 32  # groups in a row, which lie together, in one box where branches are left out
 
 
@@ -42,12 +40,6 @@ class Contacts(NamedTuple):
     known: jax.Array  # [m] bool: point, direction and ds are exact
     point: jax.Array  # [3, m] closest point
     direction: jax.Array  # [3, m] unit gradient of ds; 0 where not known
-
-
-@noinline
-def in_groups(local: Float[Array, "3 n"], tables: CollisionTables) -> Float[Array, "3 s g"]:
-    """Return the vertices of the groups, the groups last."""
-    return coordinates_of(tables.groups.T, local.reshape(-1))
 
 
 @noinline
@@ -66,23 +58,22 @@ def crossing_limit(
     not searched.
     """
     ours, body = _movement(moved.reshape(-1), tables.groups.T), its.reshape(-1)
-    boxes = _boxes(grouped)
-    words, up_to = _marked(_met(boxes, ours, its, surface))
-    groups, rows = _middle_and_half(*boxes), jnp.asarray(tables.surface.branches)
+    low, high, middle, half = _boxes(grouped)
 
-    def some(state: tuple[Array, Array]) -> tuple[Array, Array]:
-        at, limit = state
-        which, _ = _some(at, BRANCHES, words, up_to, len(rows))
-        return at + BRANCHES, _past(which, limit, groups, ours, body, surface, rows)
-
-    start = jnp.int32(0), jnp.zeros_like(ours[1])
-    limit = jax.lax.while_loop(lambda state: state[0] < up_to[-1], some, start)[1]
+    limit = in_chunks(
+        _met((low, high), ours, its, surface),
+        lambda which, _, limit: _past(which, limit, (middle, half), ours, body, surface, tables),
+        jnp.zeros_like(ours[1]),
+        BRANCHES,
+    )
     return limit[jnp.asarray(tables.group)]
 
 
 @noinline
-def _boxes(grouped: Float[Array, "3 s g"]) -> Boxes:
-    return grouped.min(axis=1), grouped.max(axis=1)
+def _boxes(grouped: Float[Array, "3 s g"]) -> tuple[Array, Array, Array, Array]:
+    """Return least and greatest coordinates of the groups, and middles and half edges, `[3, g]` each."""
+    low, high = grouped.min(axis=1), grouped.max(axis=1)
+    return low, high, (low + high) / 2, (high - low) / 2
 
 
 @noinline
@@ -93,11 +84,12 @@ def _past(
     ours: Movement,
     body: Float[Array, " c3"],
     surface: PosedSurface,
-    rows: Int[Array, "b w"],
+    tables: CollisionTables,
 ) -> Array:
     """Return the greater of `limit` and `crossing_limit` past some branches."""
-    branch = _middle_and_half(surface.low[:, which], surface.high[:, which])
-    its = _movement(body, rows[which].T)
+    low, high = surface.low[:, which], surface.high[:, which]
+    branch = (low + high) / 2, (high - low) / 2
+    its = _movement(body, jnp.asarray(tables.surface.branches.T)[:, which])
     return _group_limit(groups, branch, ours, its, surface.branch_slab[:, which], limit)
 
 
@@ -133,11 +125,6 @@ def collider_of(surface: PosedSurface) -> Float[Array, "3 c"]:
 
 
 @noinline
-def _middle_and_half(low: Float[Array, "3 g"], high: Float[Array, "3 g"]) -> Boxes:
-    return (low + high) / 2, (high - low) / 2
-
-
-@noinline
 def _group_limit(
     group: Boxes,
     branch: tuple[Float[Array, "3 b"], Float[Array, "3 b"]],
@@ -154,17 +141,13 @@ def _group_limit(
     way = tuple(step[x][None] - branch_step[x][:, None] for x in range(3))  # of the group, past the branch
     spare = reach[None] + branch_reach[:, None]
 
-    def meet(
-        apart: Float[Array, "b g"], sizes: Float[Array, "b g"], along: Float[Array, "b g"]
-    ) -> Array:  # [-size, size] with one end drawn along, and spare at both
-        return jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
-
     n = slab[:3, :, None]
-    sizes = dot(jnp.abs(n), half[:, None]) + slab[4][:, None]
-    crossed = meet(dot(n, middle[:, None]) - slab[3][:, None], sizes, dot(n, way))
-    for x in range(3):
-        sizes = half[x][None] + extent[x][:, None]
-        crossed = crossed & meet(middle[x][None] - centre[x][:, None], sizes, way[x])
+    pairs = [(dot(n, middle[:, None]) - slab[3][:, None], dot(jnp.abs(n), half[:, None]) + slab[4][:, None])]
+    pairs += [(middle[x][None] - centre[x][:, None], half[x][None] + extent[x][:, None]) for x in range(3)]
+    crossed = jnp.array(True)
+    for (apart, sizes), along in zip(pairs, (dot(n, way), *way), strict=True):
+        # [-size, size] with one end drawn along, and spare at both
+        crossed &= jnp.abs(apart - 0.5 * along) <= sizes + spare + 0.5 * jnp.abs(along)
     far = jnp.where(crossed, jnp.sqrt(squared_length(way)) + spare, 0.0)
     # none is below 0, so their bits are in the same order: an integer maximum vectorises
     bits = jnp.int64 if far.dtype == jnp.float64 else jnp.int32
@@ -175,14 +158,9 @@ def _group_limit(
 @noinline
 def _movement(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> Movement:
     """Return the mean step `[3, b]` of `k` points each and how far a step differs from it at most `[b]`."""
-    steps = _steps_of(flat, points)
+    steps = coordinates_of(points, flat)
     mean = fusion_barrier(steps.mean(axis=1))
     return mean, jnp.sqrt(squared_length(steps - mean[:, None]).max(axis=0))
-
-
-@noinline
-def _steps_of(flat: Float[Array, " n3"], points: Int[Array | np.ndarray, "k b"]) -> Float[Array, "3 k b"]:
-    return coordinates_of(points, flat)
 
 
 @noinline
@@ -197,25 +175,21 @@ def find_contacts(
     """Return the contacts of a frame's vertices, all that are asked for (`limit` >= 0); `last`: triangles.
 
     Exact where the surface is within `limit`; a vertex with nothing so near must be known to be outside,
-    and then is so by `limit`. `grouped` are the same vertices (`in_groups`).
+    and then is so by `limit`. `grouped` are the same vertices in their groups.
     """
-    within = _grouped(limit, distance_to(last, local, surface, tables.surface), tables)
+    distance = distance_to(last, local, surface, tables.surface)
+    within = gathered(jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0), tables.groups.T)
     found = search(grouped, within, surface, tables.surface).triangle
     contacts = _without_answers(found, last, limit, tables)
 
-    def chunk(here: Array, to: Array, made: Contacts) -> Contacts:
-        return made._replace(**_answered(made, to, made.triangle[here], local[:, here], surface, tables))
-
-    return in_chunks(contacts.known, chunk, contacts)
-
-
-@noinline
-def _grouped(
-    limit: Float[Array, " n"], distance: Float[Array, " n"], tables: CollisionTables
-) -> Float[Array, "s g"]:
-    """Return how far each vertex of the groups searches, below 0 if it is not asked."""
-    bound = jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0)
-    return fusion_barrier(bound)[jnp.asarray(tables.groups.T)]
+    return in_chunks(
+        contacts.known,
+        lambda here, to, made: made._replace(
+            **_answered(made, to, made.triangle[here], local[:, here], surface, tables)
+        ),
+        contacts,
+        ANSWERS,
+    )
 
 
 @noinline
@@ -248,7 +222,7 @@ def find_again(
         found = search_few(points, within, surface, tables)
         return _noted(made, here, to, last, found, points, limit, surface, tables)
 
-    return in_chunks(limit >= 0, chunk, at)
+    return in_chunks(limit >= 0, chunk, at, ANSWERS)
 
 
 @noinline
@@ -301,38 +275,6 @@ def _noted(
         ds=made.ds.at[far].set(limit[here], mode="drop"),
         known=made.known.at[to].set(near, mode="drop"),
     )
-
-
-def in_chunks(
-    wanted: Bool[Array, " n"], chunk: Callable[[Array, Array, T], T], made: T, many: int = ANSWERS
-) -> T:
-    """Return what is made after `chunk(vertices, where to write, made)` for all that are wanted.
-
-    `many` at a time: few are wanted. What fills up the last chunk is written nowhere (to n).
-    """
-    words, up_to = _marked(wanted)
-
-    def one(state: tuple[Array, T]):
-        at, made = state
-        return at + many, chunk(*_some(at, many, words, up_to, len(wanted)), made)
-
-    return jax.lax.while_loop(lambda state: state[0] < up_to[-1], one, (jnp.int32(0), made))[1]
-
-
-@noinline
-def _marked(wanted: Bool[Array, " n"]) -> tuple[Array, Array]:
-    words = pack_words(jnp.pad(wanted, (0, -len(wanted) % WORD)).reshape(-1, 1, WORD))
-    return words, marked_up_to(words)
-
-
-@noinline
-def _some(
-    at: Int[Array, ""], many: int, words: UInt32[Array, "r w"], up_to: Int[Array, " r"], n: int
-) -> tuple[Array, Array]:
-    """Return `many` of `n` places marked from the number `at` on, and where to write them: nowhere, at n."""
-    word, bit, valid = select(at, many, words, up_to)
-    to = jnp.where(valid, word * WORD + bit, n)
-    return jnp.minimum(to, n - 1), to
 
 
 @noinline

@@ -4,19 +4,21 @@ It runs on the vertices that may move, gathered once a frame into arrays of one 
 marks and what a projection moves costs what the contacts cost, not what the garment does.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
+from garment_jax.geometry.gather import gathered, scattered
 from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.surface_search import PosedSurface
 from garment_jax.geometry.triangle import squared_length
 from garment_jax.postprocess.collision.contacts import Contacts, find_again
 from garment_jax.postprocess.collision.descent import Iterate, advance
 from garment_jax.postprocess.collision.options import CollisionOptions
-from garment_jax.postprocess.collision.region import Members, Region, make_region, region_sizes, smoothness
+from garment_jax.postprocess.collision.region import Members, make_region, region_sizes, smoothness
 from garment_jax.postprocess.collision.tables import CollisionTables
 
 FAR = 5e-3  # metres after which a bound from before is not trusted
@@ -61,76 +63,55 @@ def iterate(
     few = sum(size <= SMALL * sizes[-1] for size in sizes)
     loops = [part for part in (sizes[:few], sizes[few:]) if part]
 
-    def solved(sizes: list[int]) -> End:
-        region = make_region(members, tables, sizes[-1])
-        base, start, at = _taken(local, x, first, region)
-        end = _in_region(base, start, at, region, sizes, members.count, surface, tables, options)
-        objective = jnp.sqrt(2 * smoothness(end.now.x, region))
-        return End(*_put_back(x, first, end.now.x, end.at, region), end.steps, end.moved, objective)
-
+    solved = [partial(_in_region, part, local, x, first, members, surface, tables, options) for part in loops]
     wanted = sum(((members.count >= part[-1]).astype(jnp.int32) for part in loops[:-1]), jnp.int32(0))
-    return jax.lax.switch(wanted, [lambda part=part: solved(part) for part in loops])
-
-
-@noinline
-def _taken(
-    local: Float[Array, "3 n"], x: Float[Array, "3 n"], first: Contacts, region: Region
-) -> tuple[Array, Array, Contacts]:
-    """Return what a region's places have; only of what moves anything is known, and any displacement."""
-    v = region.vertex
-    point, direction, known = first.point[:, v], first.direction[:, v], region.moving & first.known[v]
-    start = jnp.where(region.moving[None], x[:, v], 0.0)
-    return local[:, v], start, Contacts(first.triangle[v], first.ds[v], known, point, direction)
-
-
-@noinline
-def _put_back(
-    x: Float[Array, "3 n"], first: Contacts, moved: Float[Array, "3 m"], at: Contacts, region: Region
-) -> tuple[Array, Contacts]:
-    """Return displacement and contacts of the whole garment, with those of what moves written into them."""
-    to = jnp.where(region.moving, region.vertex, x.shape[1])
-
-    return jax.tree.map(lambda whole, part: whole.at[..., to].set(part, mode="drop"), (x, first), (moved, at))
+    return jax.lax.switch(wanted, solved)
 
 
 def _in_region(
-    base: Float[Array, "3 m"],
-    x: Float[Array, "3 m"],
-    first: Contacts,
-    region: Region,
     sizes: list[int],
-    count: Int[Array, ""],
+    local: Float[Array, "3 n"],
+    x: Float[Array, "3 n"],
+    first: Contacts,
+    members: Members,
     surface: PosedSurface,
     tables: CollisionTables,
     options: CollisionOptions,
-) -> _Progress:
+) -> End:
     """Return the end of the loop on a region, whose steps take one of `sizes` of its first places."""
+    region = make_region(members, tables, sizes[-1])
+    v, moving = region.vertex, region.moving
+    part, start, at = gathered((local, x, first), v)
+    # only of what moves anything is known, and any displacement
+    start, at = jnp.where(moving[None], start, 0.0), at._replace(known=moving & at.known)
     margin = options.eps * (1 - options.slack)
 
-    def descending(s: _Progress):
-        return (s.steps < options.iterations) & (s.moved > options.tolerance)
-
-    def violated(s: _Progress):
+    def goes_on(s: _Progress) -> tuple[Array, Array]:
+        """Return whether the descent does, and whether something is to be projected after it."""
+        descends = (s.steps < options.iterations) & (s.moved > options.tolerance)
         lowest = jnp.where(s.at.known, s.at.ds, jnp.inf).min()
         # what half of the projections left nearer than the margin, but outside, has no room for it
         wanted = jnp.where(s.pushes < (options.projections + 1) // 2, margin, 0.0)
-        return (lowest < wanted) & (s.pushes < options.projections)
+        return descends, (lowest < wanted) & (s.pushes < options.projections)
 
     def body(s: _Progress) -> _Progress:
-        on = descending(s)
+        on, _ = goes_on(s)
         # in the second half of the projections half of the last one's each time. That half is for what is
         # inside: pushed out of one wall by the whole margin, a vertex in a narrower gap is inside the other,
         # and so on; nearer to the wall there is room for it
         margin = options.eps * 0.5 ** jnp.maximum(s.pushes - options.projections // 2 + 1, 0)
-        now = advance(on, s.now, base, s.at, region, sizes, count, tables, options, margin=margin)
-        local, ds, limit, moved = _next_limit(now.x, s.now.x, s.searched, base, s.at, region.moving, options)
-        at = find_again(local, s.at._replace(ds=ds), limit, surface, tables)
+        now = advance(on, s.now, part, s.at, region, sizes, members.count, tables, options, margin=margin)
+        points, ds, limit, moved = _next_limit(now.x, s.now.x, s.searched, part, s.at, moving, options)
+        at = find_again(points, s.at._replace(ds=ds), limit, surface, tables)
         steps, pushes = s.steps + jnp.where(on, options.refresh_every, 0), s.pushes + jnp.where(on, 0, 1)
         return _Progress(now, at, now.x, steps, jnp.where(on, moved, s.moved), pushes)
 
     none, one = jnp.int32(0), jnp.ones((), x.dtype)
-    start = _Progress(Iterate(x, x, one), first, jnp.zeros_like(x), none, jnp.inf * one, none)
-    return jax.lax.while_loop(lambda s: descending(s) | violated(s), body, start)
+    begin = _Progress(Iterate(start, start, one), at, jnp.zeros_like(start), none, jnp.inf * one, none)
+    end = jax.lax.while_loop(lambda s: jnp.logical_or(*goes_on(s)), body, begin)
+    to = jnp.where(moving, v, x.shape[1])  # of the garment; the others are as they were
+    x, at = scattered((x, first), (end.now.x, end.at), to)
+    return End(x, at, end.steps, end.moved, jnp.sqrt(2 * smoothness(end.now.x, region)))
 
 
 @noinline
@@ -138,7 +119,7 @@ def _next_limit(
     x: Float[Array, "3 m"],
     last: Float[Array, "3 m"],
     searched: Float[Array, "3 m"],
-    base: Float[Array, "3 m"],
+    local: Float[Array, "3 m"],
     at: Contacts,
     moving: Bool[Array, " m"],
     options: CollisionOptions,
@@ -151,10 +132,10 @@ def _next_limit(
     may rest on the wrong sign: after a long way it is not trusted.
     """
     shift = jnp.sqrt(squared_length(x - searched))
-    local, ds, far = base + x, at.ds - shift, shift > FAR
+    points, ds, far = local + x, at.ds - shift, shift > FAR
     asked = moving & (far | (ds < options.eps))
-    away = local - at.point  # the point is still on the surface: none is farther
+    away = points - at.point  # the point is still on the surface: none is farther
     bound = jnp.sqrt(squared_length(away)) * (1 + 1e-4) + 1e-6
     limit = jnp.where(far, jnp.inf, jnp.maximum(shift, options.eps))
     limit = jnp.where(asked, jnp.where(at.known, bound, limit), -1.0)
-    return local, ds, limit, jnp.sqrt(squared_length(x - last).max())
+    return points, ds, limit, jnp.sqrt(squared_length(x - last).max())

@@ -12,23 +12,13 @@ from garment_jax.postprocess.collision.result import CollisionState
 
 @jax.jit
 def initial_state(
-    V: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], surface: SurfaceTables
+    V: Float[Array, "n 3"], collider: Float[Array, "c 3"], surface: SurfaceTables
 ) -> CollisionState:
     """Return the state for a first frame: nothing is known, so it searches every vertex without a limit."""
-    posed = pose_surface(collider_vertices, surface)
+    posed = pose_surface(collider, surface)
     triangle = nearest_leaf(V - posed.origin[None], posed, surface)
     nobody = jnp.zeros(len(V), bool)
-    return CollisionState(triangle, V.T, collider_vertices.T, nobody, jnp.zeros_like(V.T), jnp.array(True))
-
-
-def lift(V: Float[Array, "n 3"], at: ClosestPoint, eps: float | Array) -> Float[Array, " n"]:
-    """Return how far each vertex must move along `at.direction` to be outside by `eps` (metres, >= 0).
-
-    The constraint is the tangent plane at the correspondence: `direction . (V - point) >= eps`.
-    The direction is the gradient of the signed distance, (v - b) / ds, which on a face is the
-    normal; at edges and corners the normal would carry a vertex past the body rather than out.
-    """
-    return jnp.maximum(eps - ((V - at.point) * at.direction).sum(axis=-1), 0.0)
+    return CollisionState(triangle, V.T, collider.T, nobody, jnp.zeros_like(V.T), jnp.array(True))
 
 
 def penetration(at: ClosestPoint, *, eps: float = 1e-3) -> Float[Array, ""]:

@@ -1,9 +1,15 @@
 """What collision handling returns, and what each outcome means."""
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from garment_jax.geometry.noinline import noinline
+
+T = TypeVar("T")
 
 
 class Outcome(IntEnum):
@@ -66,3 +72,9 @@ class CollisionResult(NamedTuple):
     converged: jax.Array  # [] bool
     outcome: jax.Array  # [] int32, an `Outcome`; `MESSAGES` has its sentence
     planes: Planes  # of the last search
+
+
+@noinline
+def chosen(condition: Bool[Array, ""], tree: T, other: T) -> T:
+    """Return `tree` where the condition holds, else the `other` one."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), tree, other)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.surface_search import PosedSurface, pose_surface
 from garment_jax.geometry.triangle import dot
@@ -23,14 +24,13 @@ from garment_jax.postprocess.collision.contacts import (
     crossing_limit,
     find_again,
     find_contacts,
-    in_groups,
 )
 from garment_jax.postprocess.collision.loop import End, iterate
 from garment_jax.postprocess.collision.options import CollisionOptions
 from garment_jax.postprocess.collision.region import Members, dilate, find_members
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, Planes
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, Planes, chosen
 from garment_jax.postprocess.collision.tables import CollisionTables
-from garment_jax.postprocess.collision.union import pushed, sided
+from garment_jax.postprocess.collision.union import sided
 
 ROUNDS = 9  # of a frame at most that push out what is inside where parts of the body cross
 
@@ -38,7 +38,7 @@ ROUNDS = 9  # of a frame at most that push out what is inside where parts of the
 @noinline
 def resolve_collisions(
     V_f: Float[Array, "n 3"],
-    collider_vertices: Float[Array, "c 3"],
+    collider: Float[Array, "c 3"],
     state: CollisionState,
     *,
     tables: CollisionTables,
@@ -48,7 +48,7 @@ def resolve_collisions(
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the garment outside the collider, and the state for the next frame (section 3.5).
 
-    `V_f` and `collider_vertices` in metres, in any frame that both share; the state's last frame in the
+    `V_f` and `collider` in metres, in any frame that both share; the state's last frame in the
     same, or one that has moved a little. `pins` are overwritten with `pin_positions` and stay, inside
     the body or not. The descent begins from the last frame's correction. Failures are reported in the
     result (`outcome`, `MESSAGES`), never raised.
@@ -58,26 +58,32 @@ def resolve_collisions(
     Raises `ValueError` unless `pins` and `pin_positions` come together and are as many.
     """
     check_pins(pins, pin_positions)
-    V_f, collider_vertices, state = _of_one_kind(V_f, collider_vertices, state)
+    # in the widest of their floating-point types: both ends of a frame must agree in it
+    kind = jnp.result_type(V_f, collider, state.V, state.collider, state.correction)
+    V_f, collider = jnp.asarray(V_f, kind), jnp.asarray(collider, kind)
+    wide = {name: jnp.asarray(getattr(state, name), kind) for name in ("V", "collider", "correction")}
+    state = state._replace(**wide)
     free = jnp.asarray(free_vertices(len(V_f), pins))
-    surface = pose_surface(collider_vertices, tables.surface)
-    V, planes, local, finite = _placed(V_f, pins, pin_positions, surface)
-    found = _first_contacts(planes, local, free, finite, state, surface, tables, options)
+    surface = pose_surface(collider, tables.surface)
+    V, P, local, finite = _placed(V_f, pins, pin_positions, surface)
+    found = _first_contacts(P, local, free, finite, state, surface, tables, options)
 
-    none, nobody = jnp.zeros((), planes.dtype), jnp.zeros(len(V), bool)
-    still = End(jnp.zeros_like(planes), found, jnp.int32(0), none, none)
+    none, nobody = jnp.zeros((), P.dtype), jnp.zeros(len(V), bool)
+    still = End(jnp.zeros_like(P), found, jnp.int32(0), none, none)
 
     def one(s: _Round) -> _Round:
         def solve() -> _Acted:
             at = s.end.at
-            members, x = _begun(_in_contact(at, free, options), free, state.correction, tables, options)
+            contact = _in_contact(at, free, options)
+            members, x = _begun(contact, free, state.correction, tables, options)
             end = iterate(local, x, at, members, surface, tables, options)
             asked = jnp.where(s.checked, members.moving, end.at.known)
             return _Acted(end, members.moving, asked, _depth(at, free))
 
         def push() -> _Acted:
             margin = options.eps * 0.5 ** jnp.maximum(s.pushes - 2, 0)
-            x, limit = pushed(s.end.x, s.end.at, s.inside, margin)
+            x = s.end.x + jnp.where(s.inside, margin - s.end.at.ds, 0.0)[None] * s.end.at.direction
+            limit = jnp.where(s.inside, jnp.inf, -1.0)
             at = find_again(local + x, s.end.at, limit, surface, tables)
             return _Acted(s.end._replace(x=x, at=at), s.moving, s.inside, s.before)
 
@@ -110,8 +116,8 @@ def resolve_collisions(
     last = jax.lax.while_loop(lambda s: s.act != Act.END, one, start)
     return jax.lax.cond(
         last.moving.any(),
-        lambda: _told(planes, free, last, surface, options),
-        lambda: _no_contact_result(V, planes, finite, free, last, state, surface, options),
+        lambda: _told(P, free, last, surface, options),
+        lambda: _no_contact_result(V, P, finite, free, last, state, surface, options),
     )
 
 
@@ -151,16 +157,6 @@ class _Round(NamedTuple):
     pushes: jax.Array  # [] int32
 
 
-def _of_one_kind(
-    V_f: Float[Array, "n 3"], collider_vertices: Float[Array, "c 3"], state: CollisionState
-) -> tuple[Array, Array, CollisionState]:
-    """Return the same in the widest of their floating-point types: both ends of a frame must agree in it."""
-    kind = jnp.result_type(V_f, collider_vertices, state.V, state.collider, state.correction)
-    V, collider, correction = (jnp.asarray(x, kind) for x in (state.V, state.collider, state.correction))
-    state = state._replace(V=V, collider=collider, correction=correction)
-    return jnp.asarray(V_f, kind), jnp.asarray(collider_vertices, kind), state
-
-
 @noinline
 def _in_contact(first: Contacts, free: Bool[Array, " n"], options: CollisionOptions) -> Bool[Array, " n"]:
     """Return the vertices within the margin, and all that are inside."""
@@ -169,7 +165,7 @@ def _in_contact(first: Contacts, free: Bool[Array, " n"], options: CollisionOpti
 
 @noinline
 def _told(
-    planes: Float[Array, "3 n"],
+    P: Float[Array, "3 n"],
     free: Bool[Array, " n"],
     last: _Round,
     surface: PosedSurface,
@@ -177,23 +173,23 @@ def _told(
 ) -> tuple[CollisionResult, CollisionState]:
     """Return the result of a frame that was solved, and the state for the next one."""
     end, moving = last.end, last.moving[None]
-    planes = jnp.where(moving, planes + end.x, planes)
+    P = jnp.where(moving, P + end.x, P)
     walls = _walls(end.at, free, surface.origin, options)
     following = CollisionState(
         triangle=end.at.triangle,
-        V=planes,
+        V=P,
         collider=collider_of(surface),
         outside=~end.at.known | (end.at.ds >= 0),
         correction=jnp.where(moving, end.x, 0.0),
         crossing=last.crossing,
     )
-    return CollisionResult(V=planes.T, **_figures(last.before, end, free, options), planes=walls), following
+    return CollisionResult(V=P.T, **_figures(last.before, end, free, options), planes=walls), following
 
 
 @noinline
 def _no_contact_result(
     V: Float[Array, "n 3"],
-    planes: Float[Array, "3 n"],
+    P: Float[Array, "3 n"],
     finite: Bool[Array, ""],
     free: Bool[Array, " n"],
     last: _Round,
@@ -202,7 +198,7 @@ def _no_contact_result(
     options: CollisionOptions,
 ) -> tuple[CollisionResult, CollisionState]:
     """Return result and next state of a frame without contacts; keeps the old state on non-finite input."""
-    none, count, first = jnp.zeros((), planes.dtype), jnp.int32(0), last.end.at
+    none, count, first = jnp.zeros((), P.dtype), jnp.int32(0), last.end.at
     outcome = jnp.where(finite, jnp.int32(Outcome.NOTHING_TO_DO), jnp.int32(Outcome.NOT_FINITE))
     result = CollisionResult(
         V=V,
@@ -218,13 +214,13 @@ def _no_contact_result(
     )
     following = CollisionState(
         triangle=first.triangle,
-        V=planes,
+        V=P,
         collider=collider_of(surface),
         outside=jnp.ones_like(state.outside),
-        correction=jnp.zeros_like(planes),
+        correction=jnp.zeros_like(P),
         crossing=last.crossing,
     )
-    return result, jax.tree.map(lambda new, old: jnp.where(finite, new, old), following, state)
+    return result, chosen(finite, following, state)
 
 
 @noinline
@@ -280,14 +276,14 @@ def _placed(
 ) -> tuple[Array, Array, Array, Array]:
     """Return the garment with pins `[n, 3]`, `[3, n]`, from the surface's origin, and if all is finite."""
     V = V_f if pins is None else V_f.at[pins].set(pin_positions)
-    planes = fusion_barrier(V.T)  # or each that reads it turns it anew
-    finite = jnp.isfinite(planes).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
-    return V, planes, planes - surface.origin[:, None], finite
+    P = fusion_barrier(V.T)  # or each that reads it turns it anew
+    finite = jnp.isfinite(P).all() & jnp.isfinite(surface.origin).all()  # the origin: a mean of the body
+    return V, P, P - surface.origin[:, None], finite
 
 
 @noinline
 def _first_contacts(
-    planes: Float[Array, "3 n"],
+    P: Float[Array, "3 n"],
     local: Float[Array, "3 n"],
     free: Bool[Array, " n"],
     finite: Bool[Array, ""],
@@ -297,8 +293,8 @@ def _first_contacts(
     options: CollisionOptions,
 ) -> Contacts:
     """Return the contacts of a garment, searched for as far as they may be."""
-    grouped = in_groups(local, tables)
-    moved, its = planes - state.V, collider_of(surface) - state.collider
+    grouped = coordinates_of(tables.groups.T, local.reshape(-1))
+    moved, its = P - state.V, collider_of(surface) - state.collider
     crossed = crossing_limit(grouped, moved, its, surface, tables)
     # the margin, or what may have crossed the surface since the last frame
     limit = jnp.where(state.outside, jnp.maximum(crossed, options.eps + options.reach), jnp.inf)
@@ -317,6 +313,7 @@ def _depth(at: Contacts, counted: Bool[Array, " n"]) -> tuple[Array, Array]:
 def _walls(
     at: Contacts, free: Bool[Array, " n"], origin: Float[Array, "3"], options: CollisionOptions
 ) -> Planes:
+    """Return what keeps the free vertices outside by the margin, in the frame of the input."""
     direction = jnp.where((free & at.known)[None], at.direction, 0.0)
     return Planes(direction, dot(at.point + origin[:, None], direction) + options.eps)
 

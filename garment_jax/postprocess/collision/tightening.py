@@ -45,7 +45,7 @@ class _Best(NamedTuple):
 
 def resolve_unstretched(
     V_f: Float[Array, "n 3"],
-    collider_vertices: Float[Array, "c 3"],
+    collider: Float[Array, "c 3"],
     state: CollisionState,
     *,
     tables: CollisionTables,
@@ -71,7 +71,7 @@ def resolve_unstretched(
         rounds, last, best = carry
         first = rounds == 0
         V = jax.lax.cond(first, lambda: V_f, lambda: _shortened(last, strain, as_in))
-        result, following = resolve(V, collider_vertices, last.state)
+        result, following = resolve(V, collider, last.state)
         excess = jax.lax.cond(
             first & ((result.outcome == Outcome.NOTHING_TO_DO) | (result.outcome == Outcome.NOT_FINITE)),
             lambda: jnp.zeros((), V.dtype),
@@ -80,16 +80,17 @@ def resolve_unstretched(
         worst = jnp.maximum(best.result.outcome, Outcome.STEPS_SPENT)  # of what may come in its place
         sound = (result.outcome <= worst) & (result.penetrating_after <= best.result.penetrating_after)
         better = first | ((excess <= ENOUGH) & (excess < best.excess) & sound)
-        kept = jax.lax.cond(
-            better,
-            lambda: _Best(
-                jax.lax.cond(first, lambda: result, lambda: _joined(best, result)), following, excess
-            ),
-            lambda: best,
+        nothing = ~first & (result.outcome == Outcome.NOTHING_TO_DO)
+        joined = result._replace(  # what was before is what was before the first round
+            deepest_before=jnp.where(first, result.deepest_before, best.result.deepest_before),
+            penetrating_before=jnp.where(first, result.penetrating_before, best.result.penetrating_before),
+            steps=best.result.steps + result.steps,
+            outcome=jnp.where(nothing, Outcome.CONVERGED, result.outcome).astype(jnp.int32),
         )
+        kept = jax.lax.cond(better, lambda: _Best(joined, following, excess), lambda: best)
         return rounds + 1, _Last(following, result.planes, excess), kept
 
-    shapes = jax.eval_shape(resolve, V_f, collider_vertices, state)[0]
+    shapes = jax.eval_shape(resolve, V_f, collider, state)[0]
     nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     none = jnp.zeros((), V_f.dtype)
     start = jnp.int32(0), _Last(state, nothing.planes, none), _Best(nothing, state, none)
@@ -109,14 +110,3 @@ def _shortened(last: _Last, strain: StrainTables, as_in: Array) -> Array:
         return x + jnp.maximum(short, 0.0)[None] * direction
 
     return strain_limited(last.state.V.T, strain, as_in=as_in, project=project, iterations=ITERATIONS)[0]
-
-
-def _joined(best: _Best, result: CollisionResult) -> CollisionResult:
-    """Return the result of a round after the first, with what was before it from the `best` before."""
-    nothing = result.outcome == Outcome.NOTHING_TO_DO
-    return result._replace(
-        deepest_before=best.result.deepest_before,
-        penetrating_before=best.result.penetrating_before,
-        steps=best.result.steps + result.steps,
-        outcome=jnp.where(nothing, Outcome.CONVERGED, result.outcome).astype(jnp.int32),
-    )

@@ -13,17 +13,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from garment_jax.geometry.bitset import in_chunks
 from garment_jax.geometry.closest_point import Signed, signed_on
+from garment_jax.geometry.gather import scattered
 from garment_jax.geometry.noinline import fusion_barrier, noinline
 from garment_jax.geometry.ray_winding import winding_by_ray
 from garment_jax.geometry.surface_search import SLACK, PosedSurface
 from garment_jax.geometry.surface_tables import LEAF
 from garment_jax.geometry.triangle import dot
-from garment_jax.postprocess.collision.contacts import (
-    Contacts,
-    in_chunks,
-    search_few,
-)
+from garment_jax.postprocess.collision.contacts import Contacts, search_few
 from garment_jax.postprocess.collision.tables import CollisionTables
 
 RAYS = 128  # vertices whose rays are counted together
@@ -93,7 +91,7 @@ def _numbers_by_speakers(
     """Return the same, one vertex speaking for those of its group that are nearer to it than the surface."""
     speaker, spoken = _speakers(at, asked, local, tables)
     to = jnp.where(spoken & at.known[speaker], speaker, len(speaker))
-    speaks = jnp.zeros_like(spoken).at[to].set(True, mode="drop")
+    speaks = scattered(jnp.zeros_like(spoken), jnp.array(True), to)
     number = _numbers(speaks | (asked & ~spoken), at, local, surface, tables)
     return jnp.where(spoken, number[speaker], number)
 
@@ -142,10 +140,17 @@ def _bounding(
 
     def wider(s: _Wider) -> _Wider:
         inside = number >= 1
-        begun = _by_their_nearest(s.at, inside, misled & ~s.begun, local)
+        at, first = s.at, misled & ~s.begun
+        nearest = _on_its_side(local, inside, Signed(at.point, at.direction, at.ds, at.direction))
+        direction = jnp.where(first[None], nearest.direction, at.direction)
+        begun = at._replace(ds=jnp.where(first, nearest.ds, at.ds), direction=direction)
         wanted = _corners_near(misled, s.reach, local, surface, tables) & ~s.seen
         free = _free_corners(s.free, wanted, surface, tables)
-        bounding = _without(s.refused, free, surface, tables)
+        # for a search: all but the triangles with free corners is nowhere
+        bounds = free[jnp.asarray(tables.surface.faces)].all(axis=1) & ~s.refused
+        corners = surface.corners.reshape(-1, 9, LEAF)
+        corners = jnp.where(bounds.reshape(-1, 1, LEAF), corners, _NOWHERE)
+        bounding = surface._replace(corners=corners.reshape(surface.corners.shape))
 
         def chunk(here: Array, to: Array, made: tuple) -> tuple:
             points, asked = local[:, here], to < len(misled)
@@ -203,17 +208,6 @@ def _free_corners(
 
 
 @noinline
-def _without(
-    refused: Bool[Array, " r"], free: Bool[Array, " c"], surface: PosedSurface, tables: CollisionTables
-) -> PosedSurface:
-    """Return the surface for a search: all but the triangles with free corners is nowhere."""
-    bounds = free[jnp.asarray(tables.surface.faces)].all(axis=1) & ~refused
-    corners = surface.corners.reshape(-1, 9, LEAF)
-    corners = jnp.where(bounds.reshape(-1, 1, LEAF), corners, _NOWHERE)
-    return surface._replace(corners=corners.reshape(surface.corners.shape))
-
-
-@noinline
 def _noted(
     made: tuple, to: Int[Array, " k"], found: Int[Array, " k"], around: Int[Array, " k"], sheet: Signed
 ) -> tuple:
@@ -235,18 +229,6 @@ def _noted(
 
 
 @noinline
-def _by_their_nearest(
-    at: Contacts, inside: Bool[Array, " m"], misled: Bool[Array, " m"], local: Float[Array, "3 m"]
-) -> Contacts:
-    """Return the contacts, those `misled` on the right side of their nearest sheet."""
-    sheet = _on_its_side(local, inside, Signed(at.point, at.direction, at.ds, at.direction))
-    return at._replace(
-        ds=jnp.where(misled, sheet.ds, at.ds),
-        direction=jnp.where(misled[None], sheet.direction, at.direction),
-    )
-
-
-@noinline
 def _on_its_side(points: Float[Array, "3 k"], inside: Bool[Array, " k"], at: Signed) -> Signed:
     """Return the same with the sign of the union's side; on the sheet as it was."""
     away = points - at.point
@@ -255,12 +237,3 @@ def _on_its_side(points: Float[Array, "3 k"], inside: Bool[Array, " k"], at: Sig
     ds = jnp.where(inside, -distance, distance)
     direction = jnp.where(far[None], away / ds[None], at.direction)
     return at._replace(ds=jnp.where(far, ds, at.ds), direction=direction)
-
-
-@noinline
-def pushed(
-    x: Float[Array, "3 n"], at: Contacts, inside: Bool[Array, " n"], margin: Array
-) -> tuple[Array, Array]:
-    """Return the displacement with what is inside pushed out by `margin`, and how far to search again."""
-    x = x + jnp.where(inside, margin - at.ds, 0.0)[None] * at.direction
-    return x, jnp.where(inside, jnp.inf, -1.0)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.surface_search import pose_surface
 from garment_jax.geometry.surface_tables import make_surface_tables
@@ -13,7 +14,6 @@ from garment_jax.postprocess.collision.contacts import (
     crossing_limit,
     find_again,
     find_contacts,
-    in_groups,
 )
 from garment_jax.postprocess.collision.projection import initial_state
 from tests.geometry.surfaces import brute_signed, sphere
@@ -35,7 +35,8 @@ def over_a_ball() -> tuple[CollisionTables, np.ndarray, np.ndarray]:
 def limits(V, body, state):
     made = over_a_ball()[0]
     surface = pose_surface(body, made.surface)
-    grouped = in_groups(V.T - surface.origin[:, None], made)
+    local = V.T - surface.origin[:, None]
+    grouped = coordinates_of(made.groups.T, local.reshape(-1))
     return crossing_limit(grouped, V.T - state.V, body.T - state.collider, surface, made)
 
 
@@ -44,7 +45,9 @@ def found(V, body, last, limit):
     made = tables()[0]
     surface = pose_surface(body, made.surface)
     local = V.T - surface.origin[:, None]
-    return find_contacts(local, in_groups(local, made), last, limit, surface, made), surface.origin
+    return find_contacts(
+        local, coordinates_of(made.groups.T, local.reshape(-1)), last, limit, surface, made
+    ), surface.origin
 
 
 @jax.jit

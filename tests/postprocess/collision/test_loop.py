@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.laplacian import laplacian, uniform_table
 from garment_jax.geometry.surface_search import pose_surface
 from garment_jax.postprocess.collision import CollisionOptions, initial_state
-from garment_jax.postprocess.collision.contacts import find_contacts, in_groups
+from garment_jax.postprocess.collision.contacts import find_contacts
 from garment_jax.postprocess.collision.loop import SMALL, iterate
 from garment_jax.postprocess.collision.region import dilate, find_members, region_sizes
 from tests.geometry.surfaces import brute_signed
@@ -24,7 +25,9 @@ def looped(V, body, triangle, sizes: tuple[float, ...]):
     surface = pose_surface(body, made.surface)
     local = V.T - surface.origin[:, None]
     everywhere = jnp.full(len(V), jnp.inf)
-    first = find_contacts(local, in_groups(local, made), triangle, everywhere, surface, made)
+    first = find_contacts(
+        local, coordinates_of(made.groups.T, local.reshape(-1)), triangle, everywhere, surface, made
+    )
     members = find_members(dilate(first.known & (first.ds < EPS), made, RINGS), made)
     x = jnp.zeros_like(local)
     options = CollisionOptions(eps=EPS, sizes=sizes)

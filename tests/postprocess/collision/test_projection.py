@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.geometry.closest_point import closest_point_exact
-from garment_jax.postprocess.collision.projection import initial_state, lift, penetration
+from garment_jax.postprocess.collision.projection import initial_state, penetration
 from tests.postprocess.collision.cloth import PINS, resolve, sheet, tables
 
 exact = jax.jit(closest_point_exact)
@@ -11,18 +11,6 @@ exact = jax.jit(closest_point_exact)
 
 def _points(seed: int = 0) -> jax.Array:
     return jnp.asarray(np.random.default_rng(seed).uniform(-0.3, 0.3, (576, 3)), jnp.float32)
-
-
-def test_lifted_by_its_height_a_vertex_is_outside_its_plane_and_an_outer_one_stays():
-    made, body, _ = tables()
-    V = _points()
-    at = exact(V, jnp.asarray(body), made.surface)
-    height = lift(V, at, 1e-3)
-    np.testing.assert_allclose(height, np.maximum(1e-3 - at.ds, 0), atol=1e-6)
-    assert lift(V + height[:, None] * at.direction, at, 1e-3).max() < 1e-6
-    outer = np.asarray(at.ds) > 1e-3 + 1e-6
-    assert outer.any()
-    np.testing.assert_array_equal(np.asarray(height)[outer], 0.0)
 
 
 def test_penetration_by_hand_and_its_gradient():

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from garment_jax.geometry.laplacian import laplacian, uniform_table
+from garment_jax.postprocess.collision import CollisionOptions
+from garment_jax.postprocess.collision.contacts import Contacts
+from garment_jax.postprocess.collision.descent import Iterate, first_places
 from garment_jax.postprocess.collision.region import (
     dilate,
     find_members,
-    first_places,
     make_region,
     region_sizes,
     smoothness,
+    smoothness_gradient,
 )
 from tests.postprocess.collision.cloth import SIDE, sheet, tables
 
@@ -53,7 +56,7 @@ def test_a_regions_energy_and_gradient_are_the_whole_meshs():
     table = uniform_table(faces, len(V))
     value, gradient = jax.value_and_grad(lambda x: 0.5 * (laplacian(x, table) ** 2).sum())(jnp.asarray(x))
     local = jnp.where(region.own[:, None], jnp.asarray(x)[region.vertex], 0.0)
-    here, slope = jax.value_and_grad(smoothness)(local.T, region)
+    here, slope = smoothness(local.T, region), smoothness_gradient(local.T, region)
     np.testing.assert_allclose(here, value, rtol=1e-5)
     at = np.flatnonzero(region.moving)
     assert len(at) == moving.sum()
@@ -64,13 +67,17 @@ def test_the_gradient_at_rest_is_zero_and_finite():
     made, *_ = tables()
     members = find_members(jnp.ones(SIDE * SIDE, bool), made)
     region = make_region(members, made, SIDE * SIDE)
-    slope = jax.grad(smoothness)(jnp.zeros((3, region.vertex.size)), region)
+    slope = smoothness_gradient(jnp.zeros((3, region.vertex.size)), region)
     np.testing.assert_array_equal(slope, 0.0)
 
 
 def test_the_first_places_are_the_smaller_region():
     made, *_ = tables()
     members = find_members(jnp.asarray(_middle()), made)
-    small, cut = make_region(members, made, 96), first_places(make_region(members, made, 320), 96)
+    small, large = make_region(members, made, 96), make_region(members, made, 320)
+    nowhere, number = jnp.zeros((3, 320)), jnp.zeros(320)
+    at = Contacts(number.astype(jnp.int32), number, number > 0, nowhere, nowhere)
+    now = Iterate(nowhere, nowhere, jnp.ones(()))
+    cut, *_ = first_places(96, now, nowhere, at, large, CollisionOptions())
     for name, leaf, expected in zip(small._fields, cut, small, strict=True):
         np.testing.assert_array_equal(leaf, expected, err_msg=name)

@@ -14,6 +14,7 @@ from tests.postprocess.collision.cloth import resolve, sheet, tables
 
 SETTINGS = {"eps": 1e-3, "slack": 0.05, "iterations": 40, "rings": 6}
 PINS = np.array([0, 23, 0, 23], np.int32)  # one side's ends: the cloth may slide
+ROUNDING = 5e-6  # metres: two programs with the same steps
 HARDLY = 0.1  # `limit_rate` of 0.55 % of the edges too long
 DEEP, TOUCHING, FREE = 0.06, 0.2, 0.5  # heights of the sheet; the surface ends below 0.4
 T, FACES = sheet()
@@ -68,12 +69,12 @@ def test_cloth_that_was_pushed_out_is_no_longer_than_the_limit_and_still_outside
     np.testing.assert_array_equal(np.asarray(state.correction).T[free], (np.asarray(result.V) - V)[free])
 
 
-def test_a_frame_that_is_not_stretched_is_what_it_is_without_bitwise():
+def test_a_frame_that_is_not_stretched_is_what_it_is_without():
     for height in (TOUCHING + 0.15, FREE):
         (plain, state), (result, following) = both(sheet(height)[0])
         assert too_long(plain.V) < SHARE
         for a, b in zip(jax.tree.leaves((plain, state)), jax.tree.leaves((result, following)), strict=True):
-            np.testing.assert_array_equal(a, b)
+            np.testing.assert_allclose(a, b, atol=ROUNDING)
 
 
 def test_hardly_too_many_long_edges_call_for_no_round():
@@ -91,13 +92,14 @@ def test_hardly_too_many_long_edges_call_for_no_round():
         short, long = ((short + long) / 2, long) if rate(strain) > 0 else (short, (short + long) / 2)
     assert 0 < rate(strain) <= HARDLY
     result = both(V, (short + long) / 2)[1][0]
-    np.testing.assert_array_equal(result.V, plain.V)
+    np.testing.assert_allclose(result.V, plain.V, atol=ROUNDING)
+    assert np.abs(plain.V - both(V, 1.0)[1][0].V).max() > 100 * ROUNDING  # what rounds do
 
 
 def test_cloth_that_came_in_stretched_may_stay_so():
     (plain, _), (result, _) = both(sheet(TOUCHING, width=1.5)[0])
     assert too_long(plain.V) > 0.9
-    np.testing.assert_array_equal(result.V, plain.V)
+    np.testing.assert_allclose(result.V, plain.V, atol=ROUNDING)
 
 
 def test_a_broken_frame_comes_back_and_says_so():
