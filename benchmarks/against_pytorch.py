@@ -78,7 +78,7 @@ def torch_rollouts(case: Case, *, compiled: bool) -> dict[str, Callable]:
     M, turn, shift = (tensor(leaf) for leaf in frames_of(case.x)[:3])
 
     def rollout(frame: Callable) -> np.ndarray:
-        h, V = (tensor(leaf)[None] for leaf in case.start.codes)
+        h, V = (tensor(leaf)[None] for leaf in case.start.motion)
         found = []
         with torch.inference_mode():
             for t in range(FRAMES):

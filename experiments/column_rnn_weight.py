@@ -1,4 +1,4 @@
-"""How far a rollout should go from the codes to the column RNN, and be drawn out: figures on clips kept back.
+"""How far a rollout should go from the latents to the column RNN, and be drawn out, on clips kept back.
 
     python experiments/column_rnn_weight.py MODEL CLIP... [--json FILE]
 
@@ -42,8 +42,8 @@ def judged(model: Model, path: Path) -> tuple[dict[str, float], dict[str, float]
     with open_sequence(path) as clip:
         scene, motion, V_star = clip.scene, clip.motion, clip.read(0, clip.frames)
     yaw = heading(motion.rotations[:, 0])
-    codes = without_column_rnn(without_lengths(model))
-    pieces = animate(codes, scene, motion, collision=False, name=path.stem)
+    latents = without_column_rnn(without_lengths(model))
+    pieces = animate(latents, scene, motion, collision=False, name=path.stem)
     V = np.concatenate([piece.V for piece in pieces])
     V, V_star = (jnp.asarray(to_root(x, motion.root, yaw)) for x in (V, V_star))
     config = model.config.column_rnn

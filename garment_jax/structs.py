@@ -119,7 +119,7 @@ class FrameInput(NamedTuple):
         None  # [j, 3, 3] what poses a canonical garment (body/garment_skinning), into root frame
     )
     t: Array | None = None  # [j, 3] metres
-    column_rnn: ColumnFrame | None = None  # None: codes alone
+    column_rnn: ColumnFrame | None = None  # None: latents alone
 
 
 class TrainState(NamedTuple):

@@ -310,7 +310,7 @@ def test_a_budget_without_the_column_rnn_chooses_among_variants_without(
     folder, out = save_model(column_rnn_model(), tmp_path / "model"), str(tmp_path / "out.h5")
     rows = [
         {"name": name, "settings": VARIANTS[name]._asdict(), "error_cm": error, "ms": 99.0}
-        for name, error in (("whole", 1.0), ("no column RNN", 1.1), ("codes alone", 1.2))
+        for name, error in (("whole", 1.0), ("no column RNN", 1.1), ("latents alone", 1.2))
     ]
     (folder / "variants.json").write_text(json.dumps({"variants": rows, "detail_mm": 0.4}))
     words = [str(folder), "--motion", clip, "--out", out, "--budget-ms"]
@@ -319,8 +319,8 @@ def test_a_budget_without_the_column_rnn_chooses_among_variants_without(
     assert call(infer, [*words, "9", "--no-column-rnn", "--plan"], monkeypatch) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "budget 9 ms: no column RNN," in said
-    assert "column_rnn off - not wanted: codes alone move the cloth" in said
-    asked = [*words, "9", "--no-column-rnn", "--no-detail"]  # "codes alone" would leave collisions unhandled
+    assert "column_rnn off - not wanted: latents alone move the cloth" in said
+    asked = [*words, "9", "--no-column-rnn", "--no-detail"]  # the third would leave collisions unhandled
     sentence = refused(call(infer, asked, monkeypatch), capsys.readouterr())
     assert "no variant without just the column RNN and detail has been measured" in sentence
 

@@ -1,4 +1,4 @@
-"""Our networks as a method of the streaming engine: the codes (the paper's), corrected by the column RNN."""
+"""Our networks as a method of the streaming engine: the paper's latents, corrected by the column RNN."""
 
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -21,7 +21,7 @@ CLEARANCE = 0.01  # metres beyond the margin: float32, and the solver's own look
 class ScenePlan(NamedTuple):
     """Which stages run, and why."""
 
-    column_rnn: bool  # the column RNN corrects the codes
+    column_rnn: bool  # the column RNN corrects the latents
     previous_state: bool  # the last frame is read; without it, frames are decoded all at once
     detail: bool
     lengths: bool  # edges that are too short or too long come back to their lengths
@@ -78,10 +78,10 @@ def _column_rnn(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
     if "column_rnn" not in model.parts:
         return False, "not trained"
     if not wanted or not model.config.rollout.column_rnn:
-        return False, "not wanted: codes alone move the cloth"
+        return False, "not wanted: latents alone move the cloth"
     wants = model.config.rollout
     drawn = "" if wants.amplitude == 1.0 else f", drawn out by {wants.amplitude:g}"
-    return True, f"wanted: {wants.column_rnn:.0%} of the way from the codes to it{drawn}"
+    return True, f"wanted: {wants.column_rnn:.0%} of the way from the latents to it{drawn}"
 
 
 def _unread(model: ModelFacts, has_column_rnn: bool, fine: bool) -> tuple[str, ...]:

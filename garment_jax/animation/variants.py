@@ -40,7 +40,7 @@ VARIANTS: dict[str, Variant] = {
     "no collision": Variant(collision=False),
     "no collision, no detail": Variant(detail=False, collision=False),
     "networks alone": Variant(detail=False, collision=False, lengths=False),
-    "codes alone": Variant(column_rnn=False, detail=False, collision=False, lengths=False),
+    "latents alone": Variant(column_rnn=False, detail=False, collision=False, lengths=False),
     "networks alone, bfloat16 last layers": Variant(
         detail=False, collision=False, lengths=False, last_layers="bfloat16"
     ),

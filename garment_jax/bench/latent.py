@@ -1,4 +1,4 @@
-"""A LATENT job: how smooth the garments between two latent codes are (paper 4.2, Fig. 5)."""
+"""A LATENT job: how smooth the garments between two latents are (paper 4.2, Fig. 5)."""
 
 from typing import Any, NamedTuple
 
@@ -41,7 +41,7 @@ def smoothness(shapes: np.ndarray) -> Smoothness:
 
 
 def between(model: Model, ends: Any, template: Any) -> Any:
-    """Return the shapes `[STEPS, n, 3]` decoded evenly between the codes of `ends` `[2, n, 3]`.
+    """Return the shapes `[STEPS, n, 3]` decoded evenly between the latents of `ends` `[2, n, 3]`.
 
     All in the networks' frame.
     """

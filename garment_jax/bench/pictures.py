@@ -36,7 +36,7 @@ def all_pictures(records: Records, test: Sequence[Path], out: Path) -> dict[str,
         if rows:
             drawn[title] = _methods_sheet(title, rows, clip, out, folder, heated=heated)
     if records.latent is not None and Path(records.latent["shapes"]).is_file():
-        drawn["Between two latent codes"] = _latent_sheet(records.latent, test[0], folder)
+        drawn["Between two latents"] = _latent_sheet(records.latent, test[0], folder)
     return drawn
 
 
@@ -93,7 +93,7 @@ def _read(path: Path, frames: np.ndarray) -> np.ndarray:
 
 
 def _latent_sheet(latent: dict[str, Any], clip: Path, folder: Path) -> Path:
-    """Draw two rows of shapes between two latent codes, without a body, all from one side."""
+    """Draw two rows of shapes between two latents, without a body, all from one side."""
     shapes_file = Path(latent["shapes"])
     path = folder / f"{shapes_file.stem}.png"
     if path.exists():
@@ -117,7 +117,7 @@ def _latent_sheet(latent: dict[str, Any], clip: Path, folder: Path) -> Path:
         Row(f"pair {i + 1}", [draw(V, k in (0, last)) for k, V in enumerate(row)], [])
         for i, row in enumerate(shapes)
     ]
-    _save(contact_sheet("Between two latent codes of unseen frames", heads, rows, None), path)
+    _save(contact_sheet("Between two latents of unseen frames", heads, rows, None), path)
     return path
 
 

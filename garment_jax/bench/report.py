@@ -120,8 +120,8 @@ def notes(records: Records) -> dict[str, str]:
     }
     if records.latent is not None:
         s = records.latent
-        found["Between two latent codes"] = (
-            f"{s['steps']} shapes decoded evenly between the codes of two true frames (blue: the ends). "
+        found["Between two latents"] = (
+            f"{s['steps']} shapes decoded evenly between the latents of two true frames (blue: the ends). "
             f"Median of {s['pairs']} random pairs: {s['step_mm']:.1f} mm a step, second difference "
             f"{s['bend_mm']:.2f} mm, ratio {s['ratio']:.3f} (worst {s['ratio_worst']:.3f}); "
             "0 is a straight and even path."

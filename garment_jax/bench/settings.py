@@ -139,7 +139,7 @@ def merged(config: Config, changes: Mapping[str, Any], *, source: str) -> Config
 def scaled(config: Config, *, length: float = 1.0, rate: float = 1.0) -> Config:
     """Return `config` with numbers of steps times `length` (1 at least) and learning rates times `rate`.
 
-    The column RNN keeps its rate: the search is the codes', which it never reads.
+    The column RNN keeps its rate: the search is the latents', which it never reads.
     """
 
     def section(values: Any, rate: float) -> Any:

@@ -1,4 +1,4 @@
-"""What one run of ours may take over from another: prepared clips, latent codes, finished stages.
+"""What one run of ours may take over from another: prepared clips, latents, finished stages.
 
 Files that never change are linked, not copied. A stage is taken over whole, with its lines of the log,
 where everything that it depends on is the same (`identity.stage_name`).

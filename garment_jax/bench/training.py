@@ -63,7 +63,7 @@ def log_figures(folder: Path) -> dict[str, Any]:
     """Return what a run's log tells: seconds by stage, the validation's curve and its last error.
 
     Of a stage that was taken over from another run the seconds are those it took there. The column RNN's
-    errors are of cells, the others' of vertices: the last error and the curve are the codes'.
+    errors are of cells, the others' of vertices: the last error and the curve are the latents'.
     """
     entries = read_log(folder)
     stages = list(dict.fromkeys(entry["stage"] for entry in entries))

@@ -32,7 +32,7 @@ class Wanted(NamedTuple):
 
 def add_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that `Wanted` holds."""
-    parser.add_argument("--no-column-rnn", action="store_true", help="move by codes alone, the paper's way")
+    parser.add_argument("--no-column-rnn", action="store_true", help="move by latents alone, the paper's way")
     parser.add_argument(
         "--no-swing", dest="no_column_rnn", action="store_true", help=argparse.SUPPRESS
     )  # its name before

@@ -65,8 +65,8 @@ def lane_inputs(data: DataSet, lanes: LaneWindow, window: int) -> FrameInput:
     return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *pieces)
 
 
-def lane_codes(Z: list[np.ndarray], lanes: LaneWindow, window: int) -> np.ndarray:
-    """Return the true codes of every lane's window, `[W, L, K]`, from per-clip codes."""
+def lane_latents(Z: list[np.ndarray], lanes: LaneWindow, window: int) -> np.ndarray:
+    """Return the true latents of every lane's window, `[W, L, K]`, from per-clip latents."""
     picks = zip(lanes.clip, lanes.start, strict=True)
     return np.stack([Z[clip][start : start + window] for clip, start in picks], axis=1)
 

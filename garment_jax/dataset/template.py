@@ -30,7 +30,7 @@ class SeenBody(NamedTuple):
     """Where a column RNN looks at the body: vertices of the collider that it was trained with.
 
     Another collider reaches elsewhere: with the arms in it, which hang beside a skirt, a column RNN that had
-    learnt without them erred by more than the codes that it corrects.
+    learnt without them erred by more than the latents that it corrects.
     """
 
     mesh: str  # `mesh_hash` of the body that they are numbers of
@@ -82,7 +82,7 @@ class Template(NamedTuple):
     interior: np.ndarray  # [n] bool, False on a boundary, where the Laplacian tells edge lengths, not folds
     statistics: Statistics
     W: np.ndarray | None = None  # [n, j] weights that pose it; None: networks see it in the root frame
-    ring: ColumnTables | None = None  # None: codes alone
+    ring: ColumnTables | None = None  # None: latents alone
 
 
 STD_FLOOR = 1e-3  # of a feature's own unit; below it a feature counts as constant

@@ -89,7 +89,7 @@ def corrected(
     rotations_prev: Float[Array, "j 3 3"],
     root_prev: Float[Array, " 3"],
 ) -> tuple[Float[Array, "n 3"], ColumnState]:
-    """Return the codes' frame `V` (metres, root frame) as the ring corrects it, and the next state."""
+    """Return the latents' frame `V` (metres, root frame) as the ring corrects it, and the next state."""
     frame, state = column_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
     gates = seen_gates(params, jnp.asarray(frame.seen), config=config.column_rnn)
     carry = column_step(params, state.carry, frame, gates, tables=ring, config=config.column_rnn)

@@ -90,7 +90,7 @@ def check_graphs(
 def _start_departure(subject: StepSubject, graph: bytes) -> float:
     rotations = subject.motion.rotations[0].astype(np.float32)
     h, V_prev = open_graph(graph).run(["h", "V_prev"], {"rotations": rotations})
-    state = first_state(subject)[1].codes
+    state = first_state(subject)[1].motion
     return float(max(np.abs(V_prev - state.V_prev).max(), np.abs(h - state.h).max()))
 
 
@@ -108,12 +108,12 @@ def _frame_departure(subject: StepSubject, graph: bytes) -> float:
 
 
 def _column_rnn_departure(subject: StepSubject, detail: bool, start_graph: bytes, graph: bytes) -> float:
-    """The codes' frames corrected by the graph, from the skeleton alone, and by the package."""
+    """The latents' frames corrected by the graph, from the skeleton alone, and by the package."""
     model, template = subject.model, subject.template
     inputs, state = first_state(subject)
     run = make_rollout(template, model.config, detail=detail)
-    codes, expected = (
-        np.asarray(run(model.params, s, inputs.x)[1]) for s in (RolloutState(state.codes), state)
+    latents, expected = (
+        np.asarray(run(model.params, s, inputs.x)[1]) for s in (RolloutState(state.motion), state)
     )
     R, root = (np.asarray(leaf, np.float32) for leaf in subject.motion[:2])
     column_rnn = open_graph(start_graph).run(["column_rnn"], {"rotations": R[0]})[0]
@@ -122,7 +122,7 @@ def _column_rnn_departure(subject: StepSubject, detail: bool, start_graph: bytes
         before = max(t - 1, 0)
         given = {"rotations": R[t], "root": root[t], "rotations_prev": R[before], "root_prev": root[before]}
         V, column_rnn = session.run(
-            ["V_corrected", "column_rnn_next"], {"V": codes[t], "column_rnn": column_rnn, **given}
+            ["V_corrected", "column_rnn_next"], {"V": latents[t], "column_rnn": column_rnn, **given}
         )
         worst = max(worst, float(np.abs(V - expected[t]).max()))
     return worst

@@ -49,7 +49,7 @@ def load_subject(run_or_model: str | Path, clip: str | Path, *, frames: int) -> 
 def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
     """Return (h, V_prev, *fields of the frame) -> (V, h, V_prev of the next step), parameters inside.
 
-    The codes' alone: the column RNN is a graph of its own (`column_rnn_function`).
+    The latents' alone: the column RNN is a graph of its own (`column_rnn_function`).
     """
     names = frame_fields(subject)
     features = np.zeros(len(subject.template.statistics.motion_mean), np.float32)
@@ -64,7 +64,7 @@ def step_function(subject: StepSubject, detail: bool) -> Callable[..., tuple]:
             config=subject.model.config,
             detail=detail,
         )
-        return V, *state.codes
+        return V, *state.motion
 
     return run
 

@@ -17,8 +17,8 @@ from garment_jax.structs import ColumnCarry, FrameInput
 class RolloutState(NamedTuple):
     """What a rollout carries from frame to frame."""
 
-    codes: MotionCarry
-    column_rnn: ColumnCarry | None = None  # of the column RNN's ring; None: codes alone
+    motion: MotionCarry
+    column_rnn: ColumnCarry | None = None  # of the column RNN's ring; None: latents alone
 
 
 def init_state(
@@ -31,12 +31,12 @@ def init_state(
     The column RNN, where `params` and `template` (`template_for`) have one, begins from the template at rest.
     """
     lanes = V_start.shape[:-2]
-    codes = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
+    motion = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
     if template.ring is None or "column_rnn" not in params:
-        return RolloutState(codes)
+        return RolloutState(motion)
     from garment_jax.model.column_rnn.network import at_rest  # a part that is off is not even imported
 
-    return RolloutState(codes, at_rest(template.ring, lanes, config=config.column_rnn))
+    return RolloutState(motion, at_rest(template.ring, lanes, config=config.column_rnn))
 
 
 def motion_step(
@@ -48,7 +48,7 @@ def motion_step(
     template: Template,
     config: Config,
 ) -> tuple[MotionCarry, Float[Array, "*b latent"]]:
-    """Return the codes' next state and latent code; `gates` are `motion_gates` of `x.M`.
+    """Return the latents' next state and latent code; `gates` are `motion_gates` of `x.M`.
 
     The state holds the frame before detail and before collision: what is fed back in training.
     """
@@ -81,14 +81,14 @@ def step(
     and `x` are motions side by side.
     """
     gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
-    codes, Z = motion_step(params, state.codes, x, gates, template=template, config=config)
-    V = detail_and_pose(params, codes.V_prev, Z, x, template=template, config=config, detail=detail)
+    motion, Z = motion_step(params, state.motion, x, gates, template=template, config=config)
+    V = detail_and_pose(params, motion.V_prev, Z, x, template=template, config=config, detail=detail)
     if state.column_rnn is None:
-        return RolloutState(codes), V
+        return RolloutState(motion), V
     from garment_jax.model.column_rnn.rollout import column_frame
 
     column_rnn, V = column_frame(params, state.column_rnn, x, V, template=template, config=config)
-    return RolloutState(codes, column_rnn), V
+    return RolloutState(motion, column_rnn), V
 
 
 def detail_and_pose(

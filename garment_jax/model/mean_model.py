@@ -20,7 +20,7 @@ def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
     beginning, and of different stages or shapes.
     """
 
-    def codes(model: Model) -> dict:
+    def latents(model: Model) -> dict:
         return without_column_rnn(model).params
 
     first = models[0]
@@ -30,7 +30,7 @@ def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
         pairs = zip(first.statistics, model.statistics, strict=True)
         if odd is None and not all(np.allclose(a, b, rtol=1e-6) for a, b in pairs):
             odd = "statistics"
-        if odd is None and jax.tree.map(jnp.shape, codes(model)) != jax.tree.map(jnp.shape, codes(first)):
+        if odd is None and jax.tree.map(jnp.shape, latents(model)) != jax.tree.map(jnp.shape, latents(first)):
             odd = "stages or widths"
         if odd is not None:
             raise ValueError(
@@ -40,6 +40,6 @@ def mean_model(models: Sequence[Model], names: Sequence[str]) -> Model:
     # on the host: jax would compile a sum and a quotient for every shape
     mean = jax.tree.map(
         lambda *leaves: jax.device_put(sum(map(np.asarray, leaves)) / np.float32(len(leaves))),
-        *(codes(model) for model in models),
+        *(latents(model) for model in models),
     )
     return first._replace(params=first.params | mean)

@@ -29,9 +29,9 @@ def rollout(
 
     Leaves of `x` are `[t, *b, ...]`. What does not depend on the carry runs for all frames at once: the
     motion's gates before the scan and, since it is not fed back, detail after it. A column RNN that `state`
-    has is rolled out beside the codes, which never see it, and corrects their frames. Raises as `step`.
+    has is rolled out beside the latents, which never see it, and corrects their frames. Raises as `step`.
     """
-    codes, Z, V = latent_rollout(params, state.codes, x, template=template, config=config)
+    motion, Z, V = latent_rollout(params, state.motion, x, template=template, config=config)
 
     def finished(frame: tuple[jax.Array, jax.Array, FrameInput]) -> jax.Array:
         return detail_and_pose(params, *frame, template=template, config=config, detail=detail)
@@ -39,17 +39,17 @@ def rollout(
     # frame by frame: as one batch the detail module's intermediates leave the cache, at three times the time
     V = jax.lax.map(finished, (V, Z, x))
     if state.column_rnn is None:
-        return RolloutState(codes), V
+        return RolloutState(motion), V
     from garment_jax.model.column_rnn.rollout import column_frames_of
 
     column_rnn, V = column_frames_of(params, state.column_rnn, x, V, template=template, config=config)
-    return RolloutState(codes, column_rnn), V
+    return RolloutState(motion, column_rnn), V
 
 
 def latent_rollout(
     params: dict, state: MotionCarry, x: FrameInput, *, template: Template, config: Config
 ) -> tuple[MotionCarry, Float[Array, "t *b latent"], Float[Array, "t *b n 3"]]:
-    """Return the codes' state after the frames, the codes and garments before detail, networks' frame."""
+    """Return the latents' state after the frames, the latents and garments before detail, networks' frame."""
     gates = motion_gates(params["motion"], jnp.asarray(x.M), template=template)
     if not config.motion.previous_state:
         return _memoryless_rollout(params, state, gates, template=template, config=config)

@@ -73,7 +73,7 @@ def check_rate(model: Model | ModelFacts, motion: Motion, name: str) -> None:
 
 
 def without_column_rnn(model: Model) -> Model:
-    """Return the model that moves by its codes alone, the paper's way; itself where it has no column RNN."""
+    """Return the model that moves by its latents alone, the paper's way; itself without a column RNN."""
     return model._replace(params={k: v for k, v in model.params.items() if k != "column_rnn"})
 
 

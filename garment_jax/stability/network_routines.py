@@ -50,7 +50,7 @@ def rollout_routine(model: Model, subject: Subject, frames: int) -> Routine:
 
     def f(params: dict, start: jax.Array, x: FrameInput) -> jax.Array:
         tables = typed(template, start)
-        state = init_state(params, start, template=tables, config=config).codes
+        state = init_state(params, start, template=tables, config=config).motion
         return latent_rollout(params, state, x, template=tables, config=config)[2][-1]
 
     return Routine("rollout, frames", frames, f, (params, start, x), 1e3, "mm", 1.0)

@@ -32,7 +32,7 @@ AT_ONCE = 8  # clips rolled out side by side
 def train_detail(run: Run, generative: dict, motion: dict) -> dict:
     """Return the trained generator's parameters; goes on from the newest checkpoint."""
     config, training = run.config.detail, run.config.training
-    Z = _codes(run, generative, motion)
+    Z = _latents(run, generative, motion)
     rebuild = jax.jit(lambda Z: decode(generative, Z, template=run.template, config=run.config.generative).V)
 
     # a rollout's first frames are still on their way from the skinned template: nothing to learn there
@@ -43,12 +43,12 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
         lengths = np.array([len(z) for z in Z])
         clips = rng.choice(len(Z), config.batch, p=lengths / lengths.sum())
         frames = [int(rng.integers(min(first, lengths[c] - 1), lengths[c])) for c in clips]
-        codes = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
+        latents = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
         truth = [
             targets_of(run.data.train[c], np.array([f]), run.data)[0]
             for c, f in zip(clips, frames, strict=True)
         ]
-        return DetailBatch(rebuild(codes), jnp.asarray(codes), jnp.asarray(np.stack(truth)))
+        return DetailBatch(rebuild(latents), jnp.asarray(latents), jnp.asarray(np.stack(truth)))
 
     params = init_players(
         jax.random.key(training.seed + 5), run.template, config=config, generative=run.config.generative
@@ -70,8 +70,8 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
     return trained["G"]
 
 
-def _codes(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
-    """Return the codes `[t, latent]` of the frames to enhance, by clip: of the truth, or of free rollouts."""
+def _latents(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
+    """Return the latents `[t, latent]` of the frames to enhance, by clip: the truth's, or of rollouts."""
     if run.config.detail.source == "reconstruction":
         return true_latents(run, generative)
 
@@ -91,7 +91,7 @@ def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.n
         state, Z, _ = latent_rollout(params, state, x, template=run.template, config=run.config)
         return state, Z
 
-    codes, frames = [], sum(len(clip.V) for clip in run.data.train)
+    latents, frames = [], sum(len(clip.V) for clip in run.data.train)
     for first in range(0, len(run.data.train), AT_ONCE):
         clips = run.data.train[first : first + AT_ONCE]
         clips = clips + clips[-1:] * (AT_ONCE - len(clips))  # one compiled width
@@ -100,11 +100,11 @@ def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.n
             np.stack([clip.input.R_seed[0] for clip in clips]),
             np.stack([clip.input.t_seed[0] for clip in clips]),
         )
-        state, parts = init_state(params, start, template=run.template, config=run.config).codes, []
+        state, parts = init_state(params, start, template=run.template, config=run.config).motion, []
         for k in range(0, len(x.M), CHUNK):
             state, Z = roll(params, state, jax.tree.map(itemgetter(slice(k, k + CHUNK)), x))
             parts.append(np.asarray(Z))
         whole = np.concatenate(parts)
-        codes += [whole[: len(clip.V), b] for b, clip in enumerate(clips)]
-        progress(min(sum(map(len, codes)), frames), frames)
-    return codes[: len(run.data.train)]
+        latents += [whole[: len(clip.V), b] for b, clip in enumerate(clips)]
+        progress(min(sum(map(len, latents)), frames), frames)
+    return latents[: len(run.data.train)]

@@ -1,4 +1,4 @@
-"""The latent codes of all training frames, once per trained generative model (paper 3.3, Z*)."""
+"""The latents of all training frames, once per trained generative model (paper 3.3, Z*)."""
 
 import jax
 import numpy as np
@@ -23,7 +23,7 @@ def _encoded(run: Run, generative: dict) -> list[np.ndarray]:
     def mean(params: dict, V: jax.Array) -> jax.Array:
         return encode(params, V, template=run.template, config=run.config.generative).mean
 
-    codes: list[np.ndarray] = []
+    latents: list[np.ndarray] = []
     done, frames = 0, sum(len(clip.V) for clip in run.data.train)
     say("motion: encoding the training clips")
     with FrameProgress("motion") as progress:
@@ -33,7 +33,7 @@ def _encoded(run: Run, generative: dict) -> list[np.ndarray]:
             for start in range(0, len(clip.V), CHUNK):
                 window = np.minimum(np.arange(start, start + CHUNK), len(clip.V) - 1)
                 Z[window] = mean(generative, targets_of(clip, window, run.data))
-            codes.append(Z)
+            latents.append(Z)
             done += len(Z)
             progress(done, frames)
-    return codes
+    return latents

@@ -8,8 +8,8 @@ import numpy as np
 
 from garment_jax.animation.clips import rollout_batch
 from garment_jax.dataset.batches import (
-    lane_codes,
     lane_inputs,
+    lane_latents,
     lane_schedule,
     lane_starts,
     lane_vertices,
@@ -58,9 +58,9 @@ def linear_garment(run: Run, Z: list[np.ndarray]) -> LinearGarment:
     stride = max(sum(map(len, Z)) // LINEAR_FRAMES, 1)
     picks = [np.arange(i % stride, len(z), stride) for i, z in enumerate(Z)]
     V = [targets_of(clip, w, run.data) for clip, w in zip(run.data.train, picks, strict=True)]
-    codes = np.concatenate([z[w] for z, w in zip(Z, picks, strict=True)])
+    latents = np.concatenate([z[w] for z, w in zip(Z, picks, strict=True)])
     return fit_linear_garment(
-        codes,
+        latents,
         np.concatenate(V),
         template=run.template,
         lambda_laplacian=run.config.motion.lambda_laplacian,
@@ -80,7 +80,7 @@ def _warm_up(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> d
         start = np.asarray(pooled(lane_starts(run.data, lanes, run.skinned, n)))
         return WarmUpBatch(
             lane_inputs(run.data, lanes, config.window),
-            lane_codes(Z, lanes, config.window),
+            lane_latents(Z, lanes, config.window),
             lane_weights(lanes, config),
             lanes.fresh,
             start,
@@ -111,7 +111,7 @@ def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) ->
         return MotionBatch(
             lane_inputs(run.data, lanes, config.window),
             lane_vertices(run.data, lanes, config.window),
-            lane_codes(Z, lanes, config.window),
+            lane_latents(Z, lanes, config.window),
             lane_weights(lanes, config),
             lanes.fresh,
             lane_starts(run.data, lanes, run.skinned, n),

@@ -159,11 +159,11 @@ def trained_model(path: str | Path) -> Model:
         found["motion"] = early.tree("params")
     beginning = metadata["config"]["training"]["begin_from"] if found else ""
     if set(found) == {"column_rnn"} and beginning:
-        codes = pretrained_model(beginning, path)
-        found = codes.params | found
+        latents = pretrained_model(beginning, path)
+        found = latents.params | found
         own = ("column_rnn", "simulation", "rollout", "collision", "training")
         mine = {k: metadata["config"][k] for k in own if k in metadata["config"]}
-        metadata["config"] = to_dict(codes.config) | mine  # its [data] too: mirrored clips pose the codes
+        metadata["config"] = to_dict(latents.config) | mine  # its [data] too: mirrored clips pose the latents
     for stage in ("generative", "motion"):
         if beginning and stage not in found and not _steps_of(stage, metadata["config"]):
             found[stage] = pretrained_model(beginning, path).params[stage]

@@ -45,7 +45,7 @@ def test_scan_equals_a_python_loop_of_step(inputs, start):
 def test_the_decoded_garment_is_posed_by_naive_skinning(inputs, start):
     params = {k: MODEL.params[k] for k in ("generative", "motion")}
     roll = jax.jit(lambda p, s, x: latent_rollout(p, s, x, template=TABLES, config=MODEL.config))
-    U = np.asarray(roll(params, start.codes, inputs.x)[2], np.float64)
+    U = np.asarray(roll(params, start.motion, inputs.x)[2], np.float64)
     V = make_rollout(TABLES, MODEL.config, detail=False)(params, start, inputs.x)[1]
     x, W = inputs.x, np.asarray(TABLES.W)
     for t in (0, 17, FRAMES - 1):

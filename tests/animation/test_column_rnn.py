@@ -107,7 +107,7 @@ def test_a_loop_of_step_is_the_scan_and_the_stream(base: Model):
         state, v = one(model.params, state, jax.tree.map(itemgetter(t), x))
         frames.append(v)
     np.testing.assert_allclose(np.stack(frames), V, atol=1e-5, rtol=0)
-    alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.codes), x)[1]
+    alone = make_rollout(template(base), base.config)(base.params, RolloutState(start.motion), x)[1]
     assert np.abs(np.asarray(alone) - V).max() > 0.01
     method = network_method(model, SCENE, tables_, seeds())
     run = compile_networks(method, model, SCENE, tables_, programs=ProgramStore(None), facts={})
@@ -140,7 +140,7 @@ def test_a_frame_without_anything_for_the_ring_is_refused():
 
 
 def test_the_animator_corrects_unless_the_column_rnn_is_taken_away():
-    V, alone, weightless, codes = (
+    V, alone, weightless, latents = (
         animated(m)
         for m in (
             column_rnn_model(),
@@ -151,12 +151,12 @@ def test_the_animator_corrects_unless_the_column_rnn_is_taken_away():
     )
     drawn = animated(with_rollout(amplitude=1.2))
     assert np.abs(drawn - V).max() > 0.001
-    held = animated(with_rollout(max_correction=1e-6))  # so little that only the codes are left
-    assert np.abs(held - codes).max() < 1e-4
+    held = animated(with_rollout(max_correction=1e-6))  # so little that only the latents are left
+    assert np.abs(held - latents).max() < 1e-4
     assert np.isfinite(V).all()
-    assert np.abs(V - codes).max() > 0.01
-    np.testing.assert_array_equal(alone, codes)
-    np.testing.assert_array_equal(weightless, codes)
+    assert np.abs(V - latents).max() > 0.01
+    np.testing.assert_array_equal(alone, latents)
+    np.testing.assert_array_equal(weightless, latents)
 
 
 def test_the_plan_says_whether_it_runs():
@@ -164,13 +164,13 @@ def test_the_plan_says_whether_it_runs():
     assert on.column_rnn
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
-    assert on.why["column_rnn"] == "wanted: 60% of the way from the codes to it"
+    assert on.why["column_rnn"] == "wanted: 60% of the way from the latents to it"
     drawn = make_plan(facts_of(with_rollout(amplitude=1.06)), SCENE, motion(5))
-    assert drawn.why["column_rnn"] == "wanted: 60% of the way from the codes to it, drawn out by 1.06"
+    assert drawn.why["column_rnn"] == "wanted: 60% of the way from the latents to it, drawn out by 1.06"
     off = make_plan(facts_of(column_rnn_model()), SCENE, motion(5), column_rnn=False)
     assert not off.column_rnn
     assert off.leave_out == ("generative/E_gen", "column_rnn")
-    assert off.why["column_rnn"] == "not wanted: codes alone move the cloth"
+    assert off.why["column_rnn"] == "not wanted: latents alone move the cloth"
     assert not make_plan(facts_of(with_rollout(column_rnn=0.0)), SCENE, motion(5)).column_rnn
     untrained = make_plan(facts_of(tiny_model()), SCENE, motion(5))
     assert not untrained.column_rnn
@@ -183,7 +183,7 @@ def test_variants_of_a_model_with_a_column_rnn_and_without():
         if not variant.rank:
             assert ("column_rnn" in apply_variant(column_rnn_model(), variant).params) == variant.column_rnn
     without = variants_of(tiny_model().params)
-    fewer = {"no column RNN", "no column RNN, no detail", "no column RNN, no collision", "codes alone"}
+    fewer = {"no column RNN", "no column RNN, no detail", "no column RNN, no collision", "latents alone"}
     assert set(VARIANTS) - set(without) == fewer
     assert not any(v.column_rnn for v in without.values())
 

@@ -68,5 +68,5 @@ def test_clips_batches_and_streams_have_the_column_rnn_in_them(
         np.testing.assert_allclose(batch[1], np.stack(frames), atol=1e-5)
         return clip, batch[1]
 
-    for found, codes in zip(rolled(model), rolled(without_column_rnn(model)), strict=True):
-        assert (np.abs(found - codes).max() > 1e-3) == has_column_rnn
+    for found, latents in zip(rolled(model), rolled(without_column_rnn(model)), strict=True):
+        assert (np.abs(found - latents).max() > 1e-3) == has_column_rnn

@@ -18,7 +18,7 @@ STEPS = {"generative": 8, "warm_up": 8, "motion": 8, "detail": CONFIG.detail.ste
 
 
 def write_run(folder: Path, config: Config, stages: tuple[str, ...]) -> Path:
-    """Write what a trained run leaves: checkpoints, log, names of its stages, latent codes."""
+    """Write what a trained run leaves: checkpoints, log, names of its stages, latents."""
     log = RunLog(folder)
     for k, stage in enumerate(stages):
         Checkpointer(folder, stage, metadata={"config": to_dict(config)}).save(

@@ -10,7 +10,7 @@ from garment_jax.training.log import RunLog
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A log of three stages: two checks of the codes, and the column RNN's, whose errors are of cells."""
+    """A log of three stages: two checks of the latents, and the column RNN's, whose errors are of cells."""
     log = RunLog(tmp_path)
     log.write("generative", 5, {"loss": 2.0}, seconds=4.0)
     log.write("generative", 8, {"rmse_cm": 1.5}, seconds=7.0, kind="validation")

@@ -17,7 +17,7 @@ from garment_jax.structs import Motion, Scene
 from tests.animation.tiny_model import SCENE, tiny_model
 from tests.reference.scene import make_motion, make_scene, make_vertices, write_clip
 
-OFF = {"whole": 0.01, "codes alone": 0.03}  # metres that the fake rollouts are off
+OFF = {"whole": 0.01, "latents alone": 0.03}  # metres that the fake rollouts are off
 
 
 class Piece(NamedTuple):
@@ -32,7 +32,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         write_clip(tmp_path / f"{name}.h5", scene=scene, motion=make_motion(scene, 6), encoding="float32")
 
     def animator(model, scene: Scene, *, detail: bool, collision: bool):
-        aside = OFF["whole" if detail and collision else "codes alone"]
+        aside = OFF["whole" if detail and collision else "latents alone"]
 
         def run(motion: Motion) -> list[Piece]:
             V = make_vertices(scene, motion)
@@ -62,10 +62,10 @@ def test_errors_then_times_are_what_a_budget_reads(folder: Path, capsys: pytest.
         assert row["error_cm"] == pytest.approx(row["rmse_cm"]["a"] + row["depth_cm"]["a"], abs=2e-4)
     assert main([*command, "--times"]) == 0
     rows, detail_mm = stored_variants(folder / "model")
-    assert [(row.name, row.ms) for row in rows] == [("whole", 4.0), ("codes alone", 2.0)]
+    assert [(row.name, row.ms) for row in rows] == [("whole", 4.0), ("latents alone", 2.0)]
     assert [row.error_cm for row in rows] == [row["error_cm"] for row in table["variants"]]
     assert detail_mm == pytest.approx(0.0, abs=1e-3)  # between two rollouts without collisions: as far aside
-    assert "codes alone: 2.00 ms a frame" in capsys.readouterr().out
+    assert "latents alone: 2.00 ms a frame" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import pytest
 from garment_jax.body.seeds import make_seeds
 from garment_jax.config import MotionConfig
 from garment_jax.dataset.batches import (
-    lane_codes,
     lane_inputs,
+    lane_latents,
     lane_schedule,
     lane_starts,
     lane_vertices,
@@ -91,11 +91,11 @@ def test_spread_frames_come_from_every_clip(data: DataSet):
 def test_lanes_read_inputs_codes_and_vertices_of_one_window(data: DataSet):
     x, V = lane_inputs(data, LANES, WINDOW), lane_vertices(data, LANES, WINDOW)
     Z = [np.asarray(clip.input.x.M, np.float32) for clip in data.train]
-    codes = lane_codes(Z, LANES, WINDOW)
+    latents = lane_latents(Z, LANES, WINDOW)
     assert x.M.shape == (WINDOW, 4, 2)
     assert x.turn.shape == (WINDOW, 4, 3, 3)
     assert V.shape == (WINDOW, 4, N, 3)
-    np.testing.assert_array_equal(codes, x.M)
+    np.testing.assert_array_equal(latents, x.M)
     np.testing.assert_array_equal(x.M[:, 1, 0], [102, 103, 104])
     np.testing.assert_array_equal(np.floor(V[:, 1, 0, 1]), [102, 103, 104])
     np.testing.assert_array_equal(V[:, 2], frames_of(data.train[2], np.arange(4, 7), data))

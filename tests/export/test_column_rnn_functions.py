@@ -57,14 +57,14 @@ def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
     start = skinned_template(model, tables_, seeds(), inputs)
     state = init_state(model.params, start, template=tables_, config=model.config)
     run = make_rollout(tables_, model.config)
-    codes = run(model.params, RolloutState(state.codes), inputs.x)[1]
+    latents = run(model.params, RolloutState(state.motion), inputs.x)[1]
     expected = run(model.params, state, inputs.x)[1]
     one = jax.jit(partial(corrected, model.params["column_rnn"], SCENE, tables(), model.config))
     state = begun(SCENE, tables(), COLUMNS, jnp.asarray(skeletons(motion, 0)[0]))
     for t in range(14):
-        V, state = one(codes[t], state, *skeletons(motion, t))
+        V, state = one(latents[t], state, *skeletons(motion, t))
         np.testing.assert_allclose(V, expected[t], atol=1e-4)
-    assert np.abs(np.asarray(expected - codes)).max() > 0.01
+    assert np.abs(np.asarray(expected - latents)).max() > 0.01
 
 
 def test_a_state_comes_back_from_its_vector():

@@ -45,7 +45,7 @@ def test_the_tiny_garment_swings_and_feeds_back(motion: MotionInput, run, whole)
     V = whole[1]
     assert np.ptp(V, axis=0).max() > 0.02  # metres
     state = alone(first_state(motion))
-    pushed = RolloutState(state.codes._replace(V_prev=state.codes.V_prev + 0.1))
+    pushed = RolloutState(state.motion._replace(V_prev=state.motion.V_prev + 0.1))
     other = np.asarray(run(tiny_model().params, pushed, motion.x)[1])
     assert np.abs(other - V)[0].max() > 1e-4
 
@@ -57,7 +57,7 @@ def test_scan_equals_a_python_loop_of_step(motion: MotionInput, whole):
         state, V = one(tiny_model().params, state, frame_of(motion.x, t))
         frames.append(V)
     np.testing.assert_allclose(np.stack(frames), whole[1], atol=CLOSE, rtol=0)
-    np.testing.assert_allclose(state.codes.h, whole[0].codes.h, atol=1e-4, rtol=0)
+    np.testing.assert_allclose(state.motion.h, whole[0].motion.h, atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("chunk", [20, 50])
@@ -78,7 +78,7 @@ def test_the_same_program_gives_the_same_bits(motion: MotionInput, run, whole):
     again, second = run(params, jax.tree.map(np.asarray, middle), frame_of(motion.x, slice(50, 100)))
     joined = list(rollout_chunks(run, params, state, motion.x, chunk=50))
     assert np.array_equal(np.concatenate([first, second]), np.concatenate([V for _, V in joined]))
-    np.testing.assert_allclose(again.codes.V_prev, whole[0].codes.V_prev, atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(again.motion.V_prev, whole[0].motion.V_prev, atol=CLOSE, rtol=0)
 
 
 def test_a_chunk_that_does_not_divide_is_refused(motion: MotionInput, run):
@@ -148,9 +148,9 @@ def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whol
     params, state = tiny_model().params, alone(first_state(motion))
     bare = partial(rollout, template=template(), config=CONFIG, detail=False)
     after, V = jax.jit(bare)(params, state, motion.x)
-    np.testing.assert_allclose(V[-1], after.codes.V_prev, atol=0)
+    np.testing.assert_allclose(V[-1], after.motion.V_prev, atol=0)
     np.testing.assert_allclose(
-        after.codes.V_prev, whole[0].codes.V_prev, atol=CLOSE
+        after.motion.V_prev, whole[0].motion.V_prev, atol=CLOSE
     )  # detail is not fed back
     assert np.abs(np.asarray(V) - whole[1]).max() > 1e-4
     untrained = {name: params[name] for name in ("generative", "motion")}
@@ -160,10 +160,10 @@ def test_without_detail_the_fed_back_garment_comes_out(motion: MotionInput, whol
 
 def test_the_first_state_is_what_the_user_gives():
     V = jnp.ones((3, 4, 3))
-    codes, column_rnn = init_state({}, V, template=template(), config=CONFIG)
-    assert codes.h.shape == (3, CONFIG.motion.gru)
-    assert not np.asarray(codes.h).any()
-    assert codes.V_prev is V
+    latents, column_rnn = init_state({}, V, template=template(), config=CONFIG)
+    assert latents.h.shape == (3, CONFIG.motion.gru)
+    assert not np.asarray(latents.h).any()
+    assert latents.V_prev is V
     assert column_rnn is None
 
 
@@ -183,8 +183,8 @@ def test_without_the_previous_state_frames_decoded_at_once_are_those_of_the_loop
         loop.append(V)
     after, V = make_rollout(template(), config)(params, begun, frame_of(motion.x, slice(0, frames)))
     np.testing.assert_allclose(V, np.stack(loop), atol=CLOSE, rtol=0)
-    np.testing.assert_allclose(after.codes.h, state.codes.h, atol=1e-5)
-    np.testing.assert_allclose(after.codes.V_prev, state.codes.V_prev, atol=CLOSE, rtol=0)
+    np.testing.assert_allclose(after.motion.h, state.motion.h, atol=1e-5)
+    np.testing.assert_allclose(after.motion.V_prev, state.motion.V_prev, atol=CLOSE, rtol=0)
 
 
 @pytest.mark.parametrize("rows", [1, 4, 8, 11])

@@ -42,7 +42,7 @@ def params() -> dict:
 
 
 def column_rnn_model(base: Model | None = None) -> Model:
-    """Return the tiny model, or another one of its garment, with a column RNN beside its codes."""
+    """Return the tiny model, or another one of its garment, with a column RNN beside its latents."""
     model = base or tiny_model()
     config = dataclasses.replace(model.config, column_rnn=COLUMNS)
     return model._replace(config=config, params={**model.params, "column_rnn": params()})

@@ -157,8 +157,8 @@ def test_the_column_rnn_alone_is_trained_beside_a_saved_model(
     capsys: pytest.CaptureFixture[str],
 ):
     whole = trained_model(uninterrupted)
-    codes = save_model(whole, tmp_path / "codes", bits=32)
-    beside = replace(CONFIG, column_rnn=COLUMNS, training=replace(CONFIG.training, begin_from=str(codes)))
+    latents = save_model(whole, tmp_path / "latents", bits=32)
+    beside = replace(CONFIG, column_rnn=COLUMNS, training=replace(CONFIG.training, begin_from=str(latents)))
     run = train(beside, tmp_path / "run", data_dir=data_dir, stage="column_rnn")
     model = trained_model(run)
     for part in ("generative", "motion", "detail"):
@@ -166,7 +166,7 @@ def test_the_column_rnn_alone_is_trained_beside_a_saved_model(
     assert set(model.params) == {"generative", "motion", "detail", "column_rnn"}
     figures = animate_file(model, data_dir / "test" / "polka.h5", tmp_path / "polka.h5")
     assert figures["frames"] == 15
-    save_model(column_rnn_model()._replace(statistics=whole.statistics), codes, bits=32)
+    save_model(column_rnn_model()._replace(statistics=whole.statistics), latents, bits=32)
     with pytest.raises(ValueError, match="and that is no longer there; put it back"):
         trained_model(run)
     begun = []
@@ -180,7 +180,7 @@ def test_the_column_rnn_alone_is_trained_beside_a_saved_model(
     jax.tree.map(np.testing.assert_array_equal, begun[0], column_rnn_model().params["column_rnn"])
     wide = replace(beside, column_rnn=replace(COLUMNS, hidden=7))
     train(wide, tmp_path / "wide", data_dir=data_dir, stage="column_rnn")
-    said = f"begins afresh, for that of {codes} has hidden 6, not 7; to go on from it take the [column_rnn]"
+    said = f"begins afresh, for that of {latents} has hidden 6, not 7; to go on from it take the [column_rnn]"
     assert said in capsys.readouterr().err
     train(wide, tmp_path / "wide", data_dir=data_dir, stage="column_rnn")
     assert said not in capsys.readouterr().err  # once: now the run is there

@@ -1,4 +1,4 @@
-"""What the stages hand to each other: codes, cached once, and the choice of what detail learns from."""
+"""What the stages hand to each other: latents, cached once, and the choice of what detail learns from."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -79,14 +79,14 @@ def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, ca
 
 def test_detail_can_learn_from_free_rollouts(run: Run):
     params = tiny_model().params
-    codes = detail_stage._codes(run, params["generative"], params["motion"])
-    assert [z.shape for z in codes] == [(9, 8), (9, 8)]
+    latents = detail_stage._latents(run, params["generative"], params["motion"])
+    assert [z.shape for z in latents] == [(9, 8), (9, 8)]
     x = run.data.train[0].input
-    state = alone(first_state(x)).codes
+    state = alone(first_state(x)).motion
     rolled = jax.jit(lambda p, s, x: latent_rollout(p, s, x, template=run.template, config=CONFIG))
-    np.testing.assert_allclose(codes[0], rolled(params, state, x.x)[1], atol=1e-4)
-    again = detail_stage._codes(run, {}, {})
-    np.testing.assert_array_equal(again[1], codes[1])
+    np.testing.assert_allclose(latents[0], rolled(params, state, x.x)[1], atol=1e-4)
+    again = detail_stage._latents(run, {}, {})
+    np.testing.assert_array_equal(again[1], latents[1])
 
 
 def test_validation_is_a_reconstruction_then_a_rollout_of_the_clip_kept_back(run: Run):

@@ -1,4 +1,4 @@
-"""The column RNN in a rollout: the ring rolled out beside the codes, whose cloth it corrects."""
+"""The column RNN in a rollout: the ring rolled out beside the latents, whose cloth it corrects."""
 
 from collections.abc import Callable
 from functools import partial
@@ -26,9 +26,9 @@ def column_frame(
     template: Template,
     config: Config,
 ) -> tuple[ColumnCarry, Float[Array, "*b n 3"]]:
-    """Return the ring's next state and the codes' frame `V` (metres, root frame) as it corrects it.
+    """Return the ring's next state and the latents' frame `V` (metres, root frame) as it corrects it.
 
-    Nothing of the codes goes into the ring, so their errors do not add up. Raises `ValueError` for a frame
+    Nothing of the latents goes into the ring, so their errors do not add up. Raises `ValueError` for a frame
     that holds nothing for it.
     """
     frame = _seen(x)

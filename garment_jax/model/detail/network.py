@@ -76,7 +76,7 @@ def local_features(
 def global_features(
     params: dict, Z: Float[Array, "*b latent"], *, config: DetailConfig
 ) -> Float[Array, "c *b 1"]:
-    """Return the features of codes `Z`, the same for all vertices."""
+    """Return the features of latents `Z`, the same for all vertices."""
     x = jnp.moveaxis(Z, -1, 0)[..., None]
     for i in range(len(config.code_features)):
         x = leaky(dense(params[f"code_{i}"], x))
@@ -103,7 +103,7 @@ def detail_offset(
     template: Template,
     config: DetailConfig,
 ) -> Float[Array, "*b n 3"]:
-    """Return I_de of garments `V` (metres, root frame) with codes `Z`, metres.
+    """Return I_de of garments `V` (metres, root frame) with latents `Z`, metres.
 
     No gradient passes to V or Z: the stages before are not trained by what detail they leave out.
     """

@@ -128,7 +128,7 @@ def encode(params: dict, V: Float[Array, "*b n 3"], *, template: Template, confi
 def decode(
     params: dict, Z: Float[Array, "*b latent"], *, template: Template, config: GenerativeConfig
 ) -> Decoded:
-    """Return the garments of latent codes `Z`: V = D_rec(z_s) + D_dyn(z_d), metres.
+    """Return the garments of latents `Z`: V = D_rec(z_s) + D_dyn(z_d), metres.
 
     In the networks' frame: the root frame, or the canonical pose (`generative.canonical`).
 

@@ -61,7 +61,7 @@ def pooled_map(V: jax.Array, template: Template) -> jax.Array:
 def fit_linear_garment(
     Z: np.ndarray, V: np.ndarray, *, template: Template, lambda_laplacian: float
 ) -> LinearGarment:
-    """Return the least-squares linear garment of codes `Z` `[F, K]` and vertices `V` `[F, n, 3]`."""
+    """Return the least-squares linear garment of latents `Z` `[F, K]` and vertices `V` `[F, n, 3]`."""
     n = V.shape[1]
     design = np.concatenate([Z, np.ones((len(Z), 1), Z.dtype)], axis=1).astype(np.float64)
     gram = design.T @ design + 1e-6 * len(Z) * np.eye(design.shape[1])

@@ -49,17 +49,17 @@ def run(step, batch, carry=None) -> tuple[TrainState, dict[str, float]]:
 
 
 def python_loop(frames: int, first: int = 1):
-    """The same lanes one frame after the other: carries and codes of every frame, by lane."""
+    """The same lanes one frame after the other: carries and latents of every frame, by lane."""
     model = small_model()
-    carries, codes = [], []
+    carries, latents = [], []
     for start in (first, first + 15):
         carry = MotionCarry(jnp.zeros(MOTION.gru), jnp.asarray(model.V[start - 1]))
         for t in range(start, start + frames):
             x = jax.tree.map(jnp.asarray, model.input.frame(t))
             carry, Z = one_frame(motion_params(), frozen()[0], carry, x)
             carries.append(carry)
-            codes.append(Z)
-    return carries, codes
+            latents.append(Z)
+    return carries, latents
 
 
 def test_the_scan_over_frames_is_a_python_loop_and_its_loss_the_mean_over_frames_and_lanes(step):
