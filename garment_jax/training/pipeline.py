@@ -10,6 +10,7 @@ from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
 from garment_jax.model.store import Model, from_metadata, load_model
+from garment_jax.storage.scratch import sweep
 from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
 
@@ -59,6 +60,8 @@ def train(
             make_column_tables(data.scene, config=config.column_rnn)
 
     with run_lock(run_dir):
+        for folder in (Path(run_dir) / CHECKPOINTS).glob("*"):
+            sweep(folder)  # of stages that are complete, too, into which nothing is written any more
         run = open_run(
             config,
             run_dir,

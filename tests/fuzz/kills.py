@@ -32,6 +32,15 @@ def kill_run(
     name: str, command: Command, source: Path, chosen: Callable[[int], Sequence[int]], until: float
 ) -> tuple[int, list[str]]:
     """Kill a command at the operations that `chosen` picks; return how many, and what went wrong."""
+    with copied(source) as ready:
+        if command.before:
+            run(commands()[command.before], ready)
+        return _kill_run(name, command, ready, chosen, until)
+
+
+def _kill_run(
+    name: str, command: Command, source: Path, chosen: Callable[[int], Sequence[int]], until: float
+) -> tuple[int, list[str]]:
     with copied(source) as folder:
         whole = run(command, folder)
         if whole.code not in (0, 1):  # 1: `validate` has found faults

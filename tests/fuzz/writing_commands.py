@@ -18,6 +18,7 @@ class Command(NamedTuple):
     words: tuple[str, ...]
     makes: tuple[str, ...]  # files and folders, compared afterwards
     arrays: bool = False  # a time or a path in what it writes differs from run to run: arrays are compared
+    before: str = ""  # a command that makes what it reads
 
 
 def commands() -> dict[str, Command]:
@@ -37,8 +38,9 @@ def commands() -> dict[str, Command]:
             ("infer.py", model, "--motion", clip, "--out", "pred.h5"), ("pred.h5",), arrays=True
         ),
         "infer run": Command(
-            ("infer.py", "run", "--motion", clip, "--out", "of_run.h5"), ("of_run.h5",), True
+            ("infer.py", "run", "--motion", clip, "--out", "of_run.h5"), ("of_run.h5",), True, before="train"
         ),
+        "animate": Command(("animate", model, clip, "--out", "moved.npz"), ("moved.npz",), arrays=True),
         "import clips": Command(("import", "walk.bvh", *body, "--out", "clips"), ("clips",)),
         "train generative": Command((*train, "--stage", "generative"), ("run",), arrays=True),
         "train": Command(train, ("run",), arrays=True),

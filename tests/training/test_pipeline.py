@@ -19,6 +19,7 @@ from garment_jax.animation.animate import animate_file
 from garment_jax.config import to_toml
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import load_model, save_model
+from garment_jax.storage.processes import this_process
 from garment_jax.storage.scratch import make_scratch
 from garment_jax.training import column_rnn_stage
 from garment_jax.training.checkpoint import Checkpointer
@@ -291,6 +292,21 @@ def test_a_finished_run_is_left_alone_and_single_stages_join_it(
     assert train(CONFIG, uninterrupted, data_dir=data_dir, stage="generative") == uninterrupted
     assert "complete, nothing to do" in capsys.readouterr().err
     assert (uninterrupted / "log.jsonl").read_bytes() == before
+
+
+def test_what_a_killed_training_left_beside_a_finished_stage_goes(
+    tmp_path: Path, data_dir: Path, uninterrupted: Path
+):
+    from shutil import copytree
+
+    run = copytree(uninterrupted, tmp_path / "run")
+    stage = run / "checkpoints" / "warm_up"
+    with subprocess.Popen(["true"]) as ended:
+        pid, started, host = ended.pid, *this_process()[1:]
+    left = stage / f".{pid}-{started}-{host}-{'0' * 16}.partial"
+    left.mkdir()
+    train(CONFIG, run, data_dir=data_dir)
+    assert not left.exists()
 
 
 def test_the_run_is_a_model_and_16_bits_of_it_animate_alike(
