@@ -66,7 +66,8 @@ def programs_built_once(run_folder: Path) -> Iterator[None]:
     build, kept = aot_cache.ProgramStore._built, aot_cache.ProgramStore(run_folder / "programs")
 
     def built(store, name: str, jitted, arguments: tuple, facts):
-        if store._folder is not None or not name.startswith(("rollout", "shape", "contacts")):
+        shared = facts and name.startswith(("rollout", "shape", "contacts"))  # without facts it has no name
+        if store._folder is not None or not shared:
             return build(store, name, jitted, arguments, facts)
         key = name, aot_cache._key(arguments, facts)
         if key not in known:

@@ -112,6 +112,7 @@ def programs() -> dict[str, tuple[Path, set[str]]]:
     }
     for script in (ROOT / "train.py", ROOT / "infer.py", *sorted((ROOT / "benchmarks").glob("*.py"))):
         found[script.name] = (script, options_of_script(script))
+    found["infer.py"][1].update(options_of_script(PACKAGE / "cli" / "infer.py"))  # it adds them
     found["train.py"][1].update(KEYS)
     return found
 

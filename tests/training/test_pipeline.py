@@ -224,7 +224,10 @@ def test_all_stages_begin_from_a_saved_model(tmp_path: Path, data_dir: Path, uni
                 generative=replace(config.generative, skin_reach=0.1),
             ),
         ),
-        "garment = '0123'": (save_model(whole._replace(garment_hash="0123"), tmp_path / "other"), config),
+        "template, faces or UVs have the hash": (
+            save_model(whole._replace(garment_hash="0123"), tmp_path / "other"),
+            config,
+        ),
         "fps = 60.0, not 30.0": (save_model(whole._replace(fps=60.0), tmp_path / "fast"), config),
         "has no detail stage; begin afresh, or set": (save_model(lean, tmp_path / "lean"), config),
     }
