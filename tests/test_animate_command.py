@@ -154,6 +154,17 @@ def test_a_film_has_the_clips_length(model: str, here: Path, quick, name: str):
         assert (film.height, film.n_frames) == (32, FRAMES // 2)
 
 
+def test_a_height_or_unit_that_is_none_is_refused_before_the_work(model: str, here: Path, capsys):
+    assert main(["animate", model, "--out", "a.webp", "--height", "5"]) == 2
+    said = capsys.readouterr()
+    assert "error: --height 5 must lie between 32 and 4096 pixels" in said.err
+    assert said.out == ""
+    write_bvh(here / "walk.bvh", SCENE.body, make_motion(SCENE, FRAMES))
+    assert main(["animate", model, "walk.bvh", "--motion-unit", "furlong", "--out", "a.npz"]) == 2
+    assert "error: walk.bvh: --motion-unit furlong is no unit" in capsys.readouterr().err
+    assert names(here) == ["walk.bvh"]
+
+
 def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys):
     monkeypatch.setattr("garment_jax.cli.infer._explained", lambda *a: ["the plan"])
     assert main(["animate", model, "--plan"]) == 0

@@ -163,6 +163,10 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
 
 def by_part(options: argparse.Namespace, what: str) -> dict[str, str]:
     """Return the unit or the up axis of each part that the user says: its own, else that of all."""
+    if what == "unit" and options.unit is not None:
+        from garment_jax.importers.units import metres_per_unit
+
+        metres_per_unit(options.unit)  # named as it was typed; a part's reader names the part's option
     said = {part: getattr(options, f"{part}_{what}") or getattr(options, what) for part in PARTS}
     return {part: value for part, value in said.items() if value is not None}
 

@@ -40,6 +40,10 @@ def check_able(formats: set[str], shape: Shape) -> None:
         from garment_jax.evaluation.film import find_ffmpeg
 
         find_ffmpeg()
+    if formats & {"mp4", "webp", "gif", "png"}:
+        from garment_jax.evaluation.film import check_height
+
+        check_height(shape.height)
     if shape.every is not None and formats != {"glb"}:
         raise ValueError(f"--every {shape.every} is for .glb, whose frames are morph targets; leave it out.")
     meshes = formats & {"glb", "usd", "abc", "pc2", "mdd", "obj", "npz"}

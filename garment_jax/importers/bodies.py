@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from garment_jax.body.joint_names import side_pairs
-from garment_jax.importers.units import to_metres_y_up
+from garment_jax.importers.units import metres_per_unit, to_metres_y_up
 from garment_jax.io.formats.damage import reads_foreign
 from garment_jax.io.formats.gltf import read_body
 from garment_jax.io.formats.smpl import is_smpl, read_smpl
@@ -102,7 +102,8 @@ def _rigged(path: Path, suffix: str) -> RiggedBody:
 def _converted(body: RiggedBody, unit: float | str | None, up: str | None) -> RiggedBody:
     if unit is None and up is None:
         return body
-    vertices, joints = (to_metres_y_up(x, unit or 1.0, up or "Y") for x in (body.vertices, body.joints))
+    metres = metres_per_unit(unit or 1.0, "--body-unit")
+    vertices, joints = (to_metres_y_up(x, metres, up or "Y") for x in (body.vertices, body.joints))
     return body._replace(vertices=vertices, joints=joints)
 
 

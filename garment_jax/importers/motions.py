@@ -29,6 +29,7 @@ from garment_jax.io.formats.vto import is_vto, read_vto
 from garment_jax.io.sequence import open_sequence
 from garment_jax.structs import Motion, RiggedBody
 
+UNIT = "--motion-unit"  # of every command that reads motions
 SUFFIXES = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".h5")
 Say = Callable[[str], None]
 
@@ -144,20 +145,22 @@ def read_track(
     suffix = path.suffix.lower()
     if suffix == ".bvh":
         track = read_bvh(path, root=None if joints is None else joints.get(body.joint_names[0]))
-        found = FoundTrack(track, source_rate(track), "Y", None if unit is None else metres_per_unit(unit))
+        found = FoundTrack(
+            track, source_rate(track), "Y", None if unit is None else metres_per_unit(unit, UNIT)
+        )
     elif suffix in (".npz", ".pkl"):
         motion, size = read_smpl_motion(path)
-        settled = settle_unit(motion.unit, unit, size, f"{path}: the garment", "--motion-unit")
+        settled = settle_unit(motion.unit, unit, size, f"{path}: the garment", UNIT)
         if settled.note:
             say(settled.note)
         track = smpl_track(motion, body, unit=settled.metres, up=up or motion.up, origin=origin)
         found = FoundTrack(track._replace(notes=motion.notes), motion.rate, motion.up, 1.0)
     elif suffix == ".h5":
         track, fps = _sequence(path)
-        found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0))
+        found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0, UNIT))
     elif suffix in (".glb", ".gltf"):
         track, fps = _gltf(path, body, fps, source_fps, choice)
-        found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0))
+        found = FoundTrack(track, fps, "Y", metres_per_unit(unit or 1.0, UNIT))
     else:
         raise ValueError(f"{path} is no motion that is known; give one of {', '.join(SUFFIXES)}.")
     for note in found.track.notes:

@@ -51,7 +51,7 @@ def test_another_unit_and_axis_are_converted(tmp_path: Path):
         ValueError, match=r"cm\.npz: the body is 1\d\d m large in its file's unit; give --body-unit"
     ):
         read_any_body(path)
-    with pytest.raises(ValueError, match=r"--unit furlong is no unit; give one of m, dm, cm"):
+    with pytest.raises(ValueError, match=r"--body-unit furlong is no unit; give one of m, dm, cm"):
         read_any_body(path, unit="furlong")
     with pytest.raises(ValueError, match=r"--up X is no up axis that is known; give Y or Z"):
         read_any_body(path, up="X")
