@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from garment_jax.cli.infer import Opened, Wanted, add_options, infer_motion, open_model, wanted
+from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.outputs import ENDINGS, Output, plan_outputs
 from garment_jax.cli.pairs import LeftOut
 from garment_jax.cli.written_as import NEXT, Shape, check_able, write_as
@@ -48,7 +49,7 @@ def add(commands) -> None:
     parser.add_argument("--format", choices=tuple(ENDINGS), help="where --out is a folder (default html)")
     parser.add_argument("--force", action="store_true", help="replace what is there")
     parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
-    _add_motion_options(parser.add_argument_group("the motions"))
+    add_motion_options(parser.add_argument_group("the motions"))
     add_options(parser.add_argument_group("the model"))
     group = parser.add_argument_group("what is written")
     group.add_argument("--no-body", action="store_true", help="the garment alone")
@@ -58,19 +59,6 @@ def add(commands) -> None:
     group.add_argument("--every", type=int, metavar="N", help="glb: every Nth frame becomes a morph target")
     group.add_argument("--blender", help="abc: a blender executable, or a Python with bpy")
     parser.set_defaults(run=run)
-
-
-def _add_motion_options(group: argparse._ActionsContainer) -> None:
-    group.add_argument("--joints", type=Path, help="table of joint names, .toml")
-    group.add_argument("--source-fps", type=float, help="true rate, where a file lies or does not say")
-    group.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
-    group.add_argument("--rest-frame", type=int, help="frame that is a T- or A-pose: the rest pose")
-    group.add_argument("--motion-unit", help="m, cm, mm, in or metres per unit")
-    group.add_argument("--motion-up", choices=("Y", "Z"), help="up axis")
-    group.add_argument("--animation", metavar="NAME", help="the one to take of a glTF that holds several")
-    group.add_argument("--motion-mesh", metavar="NAME", help="whose motion, in a glTF that holds several")
-    group.add_argument("--motion-skeleton", metavar="NAME", help="root joint, or skin, of such a motion")
-    group.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
 
 
 def run(options: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from garment_jax.cli.choices import GARMENTS
+from garment_jax.cli.motion_options import add_motion_options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,18 +114,7 @@ def _add_files(ways, shared: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--motion", required=True, nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
     )
-    parser.add_argument("--joints", type=Path, help="table of joint names, .toml")
-    parser.add_argument("--source-fps", type=float, help="true rate of the motions, where a file lies")
-    parser.add_argument("--skip", type=int, default=0, help="first frames to drop (rest poses)")
-    parser.add_argument(
-        "--rest-frame", type=int, help="frame of motions that is a T- or A-pose: their rest pose"
-    )
-    parser.add_argument("--motion-unit", help="of the motions' files")
-    parser.add_argument("--motion-up", choices=("Y", "Z"), help="up axis of the motions' files")
-    parser.add_argument("--animation", metavar="NAME", help="the one to take of a glTF that holds several")
-    parser.add_argument("--motion-mesh", metavar="NAME", help="whose motion, in a glTF that holds several")
-    parser.add_argument("--motion-skeleton", metavar="NAME", help="root joint, or skin, of such a motion")
-    parser.add_argument("--keep-height", action="store_true", help="do not lift the feet to the floor")
+    add_motion_options(parser.add_argument_group("the motions"))
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
     parser.set_defaults(run=run_files)
 
