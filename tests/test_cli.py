@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from garment_jax.cli import main, make_parser
+from garment_jax.cli import GROUPS, main, make_parser
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import save_model
 from tests.animation.tiny_model import tiny_model
@@ -159,11 +159,43 @@ def test_refusals_are_a_sentence_and_exit_code_2(tmp_path, monkeypatch, capsys, 
     assert error.count("\n") == 1
 
 
-def test_unknown_command_exits_with_2(capsys):
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("dance", "there is no command 'dance'; choose of animate, view, "),
+        ("exprt", "there is no command 'exprt'; did you mean export?"),
+        ("--versoin", "garment-jax has no option --versoin; did you mean --version?"),
+        ("animate skirt --no-colision", "animate has no option --no-colision; did you mean --no-collision?"),
+        ("simulate --embeded skirt", "simulate has no option --embeded; did you mean embedded?"),
+        ("animate skirt --format gbl", "--format gbl is no choice; did you mean glb?"),
+        ("simulate embedded sirt --out o", "garment sirt is no choice; did you mean skirt?"),
+        (
+            "animate skirt --out x.glb walk.bvh",
+            "no use for 'walk.bvh' there; inputs come first, then options;",
+        ),
+        ("train", "garment-jax train needs CONFIG; garment-jax train --help shows how."),
+        ("train a.toml --tensorbord", "has no option --tensorbord; did you mean --tensorboard?"),
+        ("export a.h5 --every 1.5", "argument --every: invalid int value: '1.5'; garment-jax export --help"),
+    ],
+)
+def test_a_wrong_word_is_answered_in_a_sentence_with_the_right_one(words: str, sentence: str, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(["dance"])
+        main(words.split())
     assert stop.value.code == 2
-    assert "invalid choice: 'dance'" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert sentence in error
+
+
+def test_commands_stand_in_groups_one_line_each(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line in GROUPS] == ["use", "make", "research"]
+    after = lines[lines.index("make") :]
+    assert after[1].startswith("  simulate   make clips")
+    assert max(map(len, lines)) <= 110
 
 
 def test_module_runs_and_help_needs_no_jax():

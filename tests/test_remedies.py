@@ -21,7 +21,11 @@ BUILT = re.compile(
     r"(?<![\w-])--([a-z-]*\{\}[a-z-]*(?:\{\}[a-z-]*)*)(?![\w.])"
 )  # an option with a part filled in
 OPTION = re.compile(r"(?<![\w-])--([a-z][\w.-]*\w)")
-FOREIGN = {"io/formats/blender.py", "cli/__init__.py"}  # another program's command line; the parser of all
+FOREIGN = {
+    "io/formats/blender.py",
+    "cli/__init__.py",
+    "cli/parser.py",
+}  # another program's command line; the parser of all
 
 
 def words_of(node: ast.AST) -> str | None:
@@ -112,8 +116,10 @@ def programs() -> dict[str, tuple[Path, set[str]]]:
     }
     for script in (ROOT / "train.py", ROOT / "infer.py", *sorted((ROOT / "benchmarks").glob("*.py"))):
         found[script.name] = (script, options_of_script(script))
-    found["infer.py"][1].update(options_of_script(PACKAGE / "cli" / "infer.py"))  # it adds them
-    found["train.py"][1].update(KEYS)
+    for name in ("infer", "train"):  # the same commands
+        found[f"{name}.py"][1].update(found[name][1])
+    for name in ("train", "train.py"):
+        found[name][1].update(KEYS)
     return found
 
 

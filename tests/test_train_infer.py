@@ -23,6 +23,7 @@ from tests.reference.scene import make_motion, make_scene, write_clip
 from tests.reference.tiny_column_rnn import column_rnn_model
 
 ROOT = Path(__file__).parents[1]
+STARTS = ("prepare: ", "train: ", "infer: ")  # lines that say what is being done
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def refused(code: int, captured) -> str:
     """Return the sentence of a refusal after checking its form."""
     assert code == 2
     assert not captured.out
-    lines = [line for line in captured.err.splitlines() if not line.startswith("prepare: ")]
+    lines = [line for line in captured.err.splitlines() if not line.startswith(STARTS)]
     assert len(lines) == 1, captured.err
     assert lines[0].startswith("error: ")
     assert lines[0].endswith((".", "?"))
@@ -266,7 +267,7 @@ def test_a_run_stopped_between_its_stages_says_how_to_go_on(config: str, tmp_pat
 
     monkeypatch.setattr("garment_jax.training.pipeline.train", stopped)
     assert call(train, [config, "--data", str(tmp_path)], monkeypatch) == 130
-    assert capsys.readouterr().err == "interrupted; the same command goes on\n"
+    assert capsys.readouterr().err.endswith("\ninterrupted; the same command goes on\n")
 
 
 def test_the_plan_alone_writes_nothing(model, clip, monkeypatch, capsys, quick_times):
@@ -325,8 +326,27 @@ def test_a_budget_without_the_column_rnn_chooses_among_variants_without(
     assert "no variant without just the column RNN and detail has been measured" in sentence
 
 
-def test_an_output_or_a_plan_must_be_asked_for(model, clip, monkeypatch, capsys):
-    with pytest.raises(SystemExit) as stop:
-        call(infer, [model, "--motion", clip], monkeypatch)
-    assert stop.value.code == 2
-    assert "--out is missing" in capsys.readouterr().err
+def test_one_motion_must_be_named(model, clip, monkeypatch, capsys):
+    for words in ([model], [model, clip, "--motion", clip]):
+        said = refused(call(infer, words, monkeypatch), capsys.readouterr())
+        assert "infer takes one motion: name a sequence file" in said
+
+
+def test_a_prediction_is_named_after_its_motion(tmp_path: Path, model, clip, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("garment_jax.cli.infer_command.infer", lambda **given: [given["out"]])
+    assert call(infer, [model, clip], monkeypatch) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "polka_pred.h5"
+
+
+def test_training_and_inference_are_commands_too(config, tmp_path: Path, model, clip, monkeypatch, capsys):
+    seen = {}
+    monkeypatch.setattr(
+        "garment_jax.training.pipeline.train", lambda _, run, **given: seen.update(given, run=run)
+    )
+    words = ["train", "--motion.steps=7", config, "--generative.steps", "5", "--out", "here"]
+    assert garment_jax(words) == 0
+    assert (seen["run"], seen["stage"]) == ("here", "all")
+    monkeypatch.setattr("garment_jax.cli.infer_command.infer", lambda **given: [given["motion"]])
+    assert garment_jax(["infer", model, clip]) == 0
+    assert clip in capsys.readouterr().out

@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import NoReturn
 
 from garment_jax import __version__
@@ -20,45 +21,50 @@ from garment_jax.cli import (
     export,
     floor,
     import_,
+    infer_command,
     info,
     models,
     render,
     save,
     simulate,
     stability,
+    train,
     validate,
     variants,
     view,
 )
 from garment_jax.cli.exit import INTERRUPTED, leave
+from garment_jax.cli.parser import Parser
 from garment_jax.cli.printable import show_safely
 
 LONGEST_SENTENCE = 4000  # characters; a table of joints takes fewer
 FAULT = 70  # of this package, as sysexits.h has it
 
-COMMANDS = (
-    animate,
-    simulate,
-    floor,
-    import_,
-    info,
-    validate,
-    collide,
-    evaluate,
-    render,
-    stability,
-    benchmark,
-    save,
-    models,
-    variants,
-    export,
-    view,
-)
+GROUPS = {
+    "use": (animate, view, export, render, info, models),
+    "make": (simulate, import_, validate, train, infer_command, evaluate, save, collide),
+    "research": (floor, stability, benchmark, variants),
+}
+COMMANDS = tuple(command for commands in GROUPS.values() for command in commands)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Return a command's exit code: 0, 1 for faults found, 2 after a refusal, `FAULT` for ours."""
-    options = make_parser().parse_args(arguments)
+    return carry_out(make_parser().parse_args(arguments))
+
+
+def script(command: ModuleType) -> int:
+    """Return the exit code of one command that is a program of its own: `train.py`, `infer.py`."""
+    parser = Parser(
+        description=command.DESCRIPTION,
+        epilog=f"examples:\n{command.EXAMPLES}",
+    )
+    command.add_arguments(parser)
+    return carry_out(parser.parse_args())
+
+
+def carry_out(options: argparse.Namespace) -> int:
+    """Run a parsed command; codes as of `main`."""
     try:
         check_paths(options)
         return options.run(options) or 0
@@ -69,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {shortened(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        print(getattr(options, "stopped", "interrupted"), file=sys.stderr)
         return INTERRUPTED
     except Exception:  # ours, not the user's: never the code 1 of `validate`, which means faults found
         traceback.print_exc()
@@ -83,10 +89,10 @@ def shortened(sentence: str) -> str:
     return sentence if len(sentence) <= 2 * half else f"{sentence[:half]} ... {sentence[-half:]}"
 
 
-def program() -> NoReturn:
-    """Run the command line's command and end the process."""
+def program(command: ModuleType | None = None) -> NoReturn:
+    """Run the command line's command, or the one that is a program of its own, and end the process."""
     show_safely()
-    leave(main())
+    leave(main() if command is None else script(command))
 
 
 def check_paths(options: argparse.Namespace) -> None:
@@ -104,13 +110,29 @@ def _check_links(path: Path, option: str) -> None:
         raise OSError(f"{option}{path} is a link that leads back to itself; name another place.") from error
 
 
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """Return the parser of all commands."""
-    parser = argparse.ArgumentParser(
-        prog="garment-jax", description="Dynamic garments learnt from simulation."
+    parser = Parser(
+        prog="garment-jax",
+        usage="garment-jax COMMAND ...",
+        epilog="begin with: garment-jax animate skirt",
     )
     parser.add_argument("--version", action="version", version=f"garment-jax {__version__}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.add(commands)
+    commands = parser.add_subparsers(
+        metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog=parser.prog
+    )
+    lists = []
+    for title, members in GROUPS.items():
+        first = len(commands._choices_actions)
+        for command in members:
+            command.add(commands)
+        lines = [f"  {one.dest:<10} {one.help}" for one in commands._choices_actions[first:]]
+        lists.append("\n".join([title, *lines]))
+    parser.description = "\n\n".join(
+        [
+            "Loose garments that move by themselves, learnt from simulation.",
+            *lists,
+            "garment-jax COMMAND --help shows a command's options and examples.",
+        ]
+    )
     return parser

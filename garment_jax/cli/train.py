@@ -1,0 +1,58 @@
+"""`garment-jax train`, and the work of `train.py`: a configuration and clips become a run."""
+
+import argparse
+import sys
+
+from garment_jax.cli.parser import Parser, add_command
+
+GOES_ON = "interrupted; the same command goes on"  # the stages save before they end
+DESCRIPTION = (
+    "Trains every stage of a configuration. Interrupted at any point, the same command "
+    "goes on. Any key of the configuration: --SECTION.KEY VALUE (docs/configuration.md)."
+)
+EXAMPLES = """  garment-jax train configs/skirt.toml --data data/mine --run-dir runs/mine
+  garment-jax train configs/skirt.toml --data data/mine --motion.steps 500    any key of the configuration"""
+
+
+def add(commands) -> None:
+    """Add the command to the subparsers."""
+    add_arguments(
+        add_command(
+            commands,
+            "train",
+            does="train a model on simulated clips",
+            examples=EXAMPLES,
+            description=DESCRIPTION,
+        )
+    )
+
+
+def add_arguments(parser: Parser) -> None:
+    """Add what the command and `train.py` take."""
+    parser.add_argument("config", metavar="CONFIG", help="experiment, e.g. configs/skirt.toml")
+    parser.add_argument("--data", help="folder of imported clips (default: data.dir of the configuration)")
+    parser.add_argument("--run-dir", "--out", help="folder for checkpoints and logs (default: runs/NAME)")
+    parser.add_argument("--stage", default="all", help="all, generative, motion, detail or column_rnn")
+    parser.add_argument("--tensorboard", action="store_true", help="also log for TensorBoard (extra)")
+    parser.set_defaults(run=run, overrides=[], stopped=GOES_ON)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Train, and say where the run is."""
+    from garment_jax.config import apply_overrides, load_config
+
+    name = options.config.rsplit("/", 1)[-1].removesuffix(".toml")
+    config = apply_overrides(load_config(options.config), options.overrides)
+    data, run_dir = options.data or config.data.dir, options.run_dir or f"runs/{name}"
+    print(f"train: {name} on {data} -> {run_dir}", file=sys.stderr, flush=True)
+    from garment_jax.training.pipeline import train  # loads JAX: only once the input is sound
+
+    folder = train(
+        config,
+        run_dir,
+        data_dir=data,
+        stage=options.stage,
+        tensorboard=options.tensorboard,
+    )
+    print(f"trained: {folder}")
+    print(f"next: garment-jax animate {folder}, or garment-jax save {folder} for a folder to ship")
