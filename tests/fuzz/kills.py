@@ -4,15 +4,18 @@
     python -m tests.fuzz.kills --long                all commands, every operation, all pairs
     python -m tests.fuzz.kills --only save --long    one of them
 
-A kill is signal 9 just before the operation. Afterwards no final file may be torn (it is the old one, the
-finished one or not there), the same command must end with the files of the uninterrupted one, byte for byte
-(of runs and of files that hold the time: with the same arrays), and nothing else may be left. Commands run in
-forks of one process that has imported everything.
+Just before every operation the command stands still while its folder is copied: that is what signal 9 leaves.
+In every copy that differs from the others no final file may be torn (it is the old one, the finished one or
+not there), the same command must end with the files of the uninterrupted one, byte for byte (of runs and of
+files that hold the time: with the same arrays), and nothing else may be left. Commands run in forks of one
+process that has imported everything.
 """
 
 import argparse
+import hashlib
+import os
 import random
-import signal
+import shutil
 import sys
 import tempfile
 import time
@@ -21,17 +24,16 @@ from pathlib import Path
 
 from tests.fuzz.command_lines import in_a_fork, share_programs
 from tests.fuzz.pairs import PAIRS, pair_run
-from tests.fuzz.watched_runs import run
+from tests.fuzz.watched_runs import Ended, run, run_stopping
 from tests.fuzz.writing_commands import Command, commands, contents, copied, listing, make_files
 
 QUICK = ("evaluate", "export npz", "export pc2", "export obj", "save")  # the last takes seconds
-MANY, ENDS = 80, 40  # of more operations than so many, the first and last so many and every third between
 
 
 def kill_run(
     name: str, command: Command, source: Path, chosen: Callable[[int], Sequence[int]], until: float
 ) -> tuple[int, list[str]]:
-    """Kill a command at the operations that `chosen` picks; return how many, and what went wrong."""
+    """Go on from what kills leave, as `chosen` picks them; return how many kills, and what went wrong."""
     with copied(source) as ready:
         if command.before:
             run(commands()[command.before], ready)
@@ -41,35 +43,64 @@ def kill_run(
 def _kill_run(
     name: str, command: Command, source: Path, chosen: Callable[[int], Sequence[int]], until: float
 ) -> tuple[int, list[str]]:
-    with copied(source) as folder:
-        whole = run(command, folder)
+    with copied(source) as folder, tempfile.TemporaryDirectory(prefix="kills-left-") as place:
+        left: dict[bytes, list[int]] = {}  # by what it holds, before which operations
+
+        def keep(number: int) -> None:
+            state = _digest(folder)
+            left.setdefault(state, []).append(number)
+            if len(left[state]) == 1:
+                shutil.copytree(folder, Path(place) / str(number), symlinks=True)
+
+        whole = run_stopping(command, folder, keep)
         if whole.code not in (0, 1):  # 1: `validate` has found faults
             return 0, [f"{name}: it does not run: {whole.said.strip()[-300:]}"]
         expected, there = contents(folder, command), listing(folder)
-    faults, runs, points = [], 0, chosen(whole.operations)
-    print(f"{name}: {whole.operations} operations, killed at {len(points)}", flush=True)
-    for at in points:
-        if time.monotonic() > until:
-            break
-        with copied(source) as folder:
-            killed = run(command, folder, kill_at=at)
-            runs += 1
-            if killed.code != -signal.SIGKILL:
-                faults.append(f"{name} at {at}: ended with {killed.code}")
-            for path, content in contents(folder, command).items():
-                scratch = ".partial/" in path or Path(path).name.startswith(".") or ".replaced" in path
-                early = "checkpoints/" in path and path not in expected  # a step before the last
-                if not scratch and not early and content != expected.get(path):
-                    faults.append(f"{name} at {at}: {path} is torn")
-            again = run(command, folder)
-            if again.code != whole.code:
-                faults.append(f"{name} at {at}: again: {again.code}: {again.said.strip()[-300:]}")
-                continue
-            if contents(folder, command) != expected:
-                faults.append(f"{name} at {at}: the same command goes on to another result")
-            if left := sorted(listing(folder) - there):
-                faults.append(f"{name} at {at}: left over: {left[:3]}")
-    return runs, faults
+        states = list(left.values())
+        points = [states[k - 1] for k in chosen(len(states))]
+        said = f"{name}: {whole.operations} operations, {len(states)} states, {len(points)} to go on from"
+        print(said, flush=True)
+        faults, covered = [], 0
+        for numbers in points:
+            if time.monotonic() > until:
+                break
+            covered += len(numbers)
+            shutil.rmtree(folder)
+            (Path(place) / str(numbers[0])).rename(folder)
+            faults += _goes_on(f"{name} at {numbers[0]}", command, folder, whole, expected, there)
+        return covered, faults
+
+
+def _goes_on(
+    title: str, command: Command, folder: Path, whole: Ended, expected: dict[str, bytes], there: set[str]
+) -> list[str]:
+    """Return what is wrong with what a kill left, and with what the same command makes of it."""
+    faults = []
+    for path, content in contents(folder, command).items():
+        scratch = ".partial/" in path or Path(path).name.startswith(".") or ".replaced" in path
+        early = "checkpoints/" in path and path not in expected  # a step before the last
+        if not scratch and not early and content != expected.get(path):
+            faults.append(f"{title}: {path} is torn")
+    again = run(command, folder)
+    if again.code != whole.code:
+        return [*faults, f"{title}: again: {again.code}: {again.said.strip()[-300:]}"]
+    if contents(folder, command) != expected:
+        faults.append(f"{title}: the same command goes on to another result")
+    if left := sorted(listing(folder) - there):
+        faults.append(f"{title}: left over: {left[:3]}")
+    return faults
+
+
+def _digest(folder: Path) -> bytes:
+    """Return a digest of all names and contents below."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        content = (
+            os.readlink(path).encode() if path.is_symlink() else b"" if path.is_dir() else path.read_bytes()
+        )
+        for part in (str(path.relative_to(folder)).encode(), content):
+            digest.update(len(part).to_bytes(8) + part)
+    return digest.digest()
 
 
 def main() -> int:
@@ -96,9 +127,7 @@ def _run(options: argparse.Namespace) -> int:
     def chosen(count: int) -> Sequence[int]:
         if not options.long:
             return sorted(rng.sample(range(1, count + 1), min(count, 6)))
-        if count <= MANY:
-            return range(1, count + 1)
-        return [*range(1, ENDS), *range(ENDS, count - ENDS, 3), *range(count - ENDS + 1, count + 1)]
+        return range(1, count + 1)
 
     found = commands()
     names = options.only or (list(found) if options.long else QUICK)

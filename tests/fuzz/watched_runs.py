@@ -1,10 +1,12 @@
-"""Commands run in forks: their file operations are counted, and signal 9 comes before a chosen one."""
+"""Commands run in forks: their file operations are counted, and each can be stopped at or killed before."""
 
 import os
 import shutil
 import signal
 import sys
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,13 +31,27 @@ def run(command: Command, folder: Path, *, kill_at: int = 0) -> Ended:
     return finish(child, said)
 
 
-def start(command: Command, folder: Path, *, kill_at: int = 0) -> tuple[int, Path]:
+def run_stopping(command: Command, folder: Path, stopped: Callable[[int], None]) -> Ended:
+    """Run a command and call `stopped` with the number of each file operation, just before it.
+
+    All threads of the command stand still meanwhile, so `folder` is what signal 9 would leave there.
+    """
+    child, said = start(command, folder, stopping=True)
+    number = 0
+    while os.WIFSTOPPED(status := os.waitpid(child, os.WUNTRACED)[1]):
+        number += 1
+        stopped(number)
+        os.kill(child, signal.SIGCONT)
+    return ended(status, said)
+
+
+def start(command: Command, folder: Path, *, kill_at: int = 0, stopping: bool = False) -> tuple[int, Path]:
     said = Path(tempfile.mkdtemp(prefix="kills-said-"))
     child = os.fork()
     if child == 0:
         code = 70
         try:
-            code = _run_here(command, folder, said, kill_at)
+            code = _run_here(command, folder, said, kill_at, stopping)
         except SystemExit as leaving:
             code = leaving.code if isinstance(leaving.code, int) else 1
         except BaseException:
@@ -50,7 +66,11 @@ def start(command: Command, folder: Path, *, kill_at: int = 0) -> tuple[int, Pat
 
 
 def finish(child: int, said: Path) -> Ended:
-    status = os.waitpid(child, 0)[1]
+    return ended(os.waitpid(child, 0)[1], said)
+
+
+def ended(status: int, said: Path) -> Ended:
+    """Return how a run ended that is over, and remove what it said."""
     count = said / "count"
     operations = len(count.read_bytes()) if count.exists() else 0
     text = (said / "stderr").read_text(errors="replace") if (said / "stderr").exists() else ""
@@ -58,7 +78,7 @@ def finish(child: int, said: Path) -> Ended:
     return Ended(os.waitstatus_to_exitcode(status), text, operations)
 
 
-def _run_here(command: Command, folder: Path, said: Path, kill_at: int) -> int:
+def _run_here(command: Command, folder: Path, said: Path, kill_at: int, stopping: bool) -> int:
     os.chdir(folder)
     for number, name in ((1, "stdout"), (2, "stderr")):
         os.dup2(os.open(said / name, os.O_WRONLY | os.O_CREAT), number)
@@ -75,8 +95,9 @@ def _run_here(command: Command, folder: Path, said: Path, kill_at: int) -> int:
             return
         done += 1
         os.write(counting, b".")
-        if done == kill_at:
-            os.kill(os.getpid(), signal.SIGKILL)
+        if stopping or done == kill_at:
+            os.kill(os.getpid(), signal.SIGSTOP if stopping else signal.SIGKILL)
+            time.sleep(0.002 * stopping)  # a thread may run on for an instant after the signal is sent
 
     sys.addaudithook(watch)
     return run_words(command.words)
