@@ -6,19 +6,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax info pred.h5 models/skirt runs/mine
+  garment-jax info runs/mine --all"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("info", help="say what is in a sequence file, a run or a model")
+    parser = add_command(
+        commands, "info", does="say what is in a sequence file, a run or a model", examples=EXAMPLES
+    )
     parser.add_argument("paths", nargs="+", type=Path, help="sequence files, run or model folders")
     parser.add_argument("--json", action="store_true", help="machine-readable, one object per path")
+    parser.add_argument("--all", action="store_true", help="every fact, not ten lines")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run it; 2 if anything could not be read, which keeps nothing else from being told."""
+    from garment_jax.io.brief import brief_description
     from garment_jax.io.formats.damage import reading
     from garment_jax.io.info import format_description
+
+    show = format_description if options.all else brief_description
 
     facts, refused = {}, False
     for path in options.paths:
@@ -30,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
             refused = True
             continue
         if not options.json:
-            print(("\n" if len(facts) > 1 else "") + format_description(str(path), found), flush=True)
+            print(("\n" if len(facts) > 1 else "") + show(str(path), found), flush=True)
     if options.json and facts:
         print(json.dumps(facts, indent=2))
     return 2 if refused else 0
