@@ -1,4 +1,4 @@
-# make demo            the whole way without any data: simulate, train, roll out, evaluate, render
+# make demo            the shipped skirt on its sample motion, then a small skirt learnt without any data
 # make test            set up .venv, check style and types, run all tests
 # make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
 # make judge MODEL=DIR  the last three of these, for any trained model
@@ -11,7 +11,8 @@ VENV ?= .venv
 RUN ?= runs/skirt
 IMPORTED ?= data/skirt
 WORKERS ?= 2
-DEMO ?= data/demo
+DEMO ?= runs/demo
+MINUTES ?= 4
 BIN := $(VENV)/bin
 TESTS := tests
 # Also run with XLA's optimisations, as users do; all tests run without them (tests/conftest.py says why).
@@ -23,9 +24,9 @@ MODEL ?= models/skirt
 
 # The first target: what `make` alone does. Interrupted at any point, it goes on where it was.
 demo: setup
-	$(BIN)/garment-jax simulate embedded skirt --workers $(WORKERS) --out $(DEMO)
-	$(BIN)/python train.py configs/demo.toml --data $(DEMO) --run-dir runs/demo
-	@$(MAKE) --no-print-directory judge MODEL=runs/demo RUN=runs/demo IMPORTED=$(DEMO)
+	mkdir -p $(DEMO)
+	$(BIN)/garment-jax animate skirt --out $(DEMO)/skirt.html --no-open --force
+	$(BIN)/garment-jax learn skirt --minutes $(MINUTES) --workers $(WORKERS) --out $(DEMO)/model
 
 test: lint
 	@failed=0; \

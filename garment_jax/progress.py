@@ -5,11 +5,26 @@ tqdm and rich were weighed and left: what they draw in a log file is one line pe
 
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import TracebackType
 from typing import Any
 
 _TERMINAL_SECONDS = 0.3  # between prints; the eye needs no more
 _LINE_SECONDS = 30.0  # between lines of a log file: a night's simulation stays readable
+Whole = Callable[[str, float], str]  # (name, seconds left of that) -> what is left of everything
+_WHOLE: ContextVar[Whole | None] = ContextVar("whole", default=None)
+
+
+@contextmanager
+def part_of_whole(left: Whole) -> Iterator[None]:
+    """Let every line of progress inside end with what `left` says of the work that it is a part of."""
+    token = _WHOLE.set(left)
+    try:
+        yield
+    finally:
+        _WHOLE.reset(token)
 
 
 class FrameProgress:
@@ -43,12 +58,11 @@ class FrameProgress:
         self._printed = now
         speed = (done - self._start) / max(now - self._began, 1e-9)
         rate = f"{speed * self._frames:.0f} frames/s" if self._frames else f"{speed:.1f} {self._unit}/s"
-        parts = [
-            f"{self._name}: {done}/{total} {self._unit}",
-            rate,
-            f"{duration((total - done) / speed)} left",
-        ]
-        self._write(", ".join([*parts, *filter(None, [note])]))
+        left = (total - done) / speed
+        parts = [f"{self._name}: {done}/{total} {self._unit}", rate, f"{duration(left)} left"]
+        whole = _WHOLE.get()
+        all_left = "" if whole is None else whole(self._name, left)
+        self._write(", ".join([*parts, *filter(None, [note, all_left])]))
 
     def begin(self, done: int) -> None:
         """Count the speed from here, where `done` are there: those took the time of compiling."""

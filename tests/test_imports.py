@@ -39,6 +39,7 @@ ROOMS = (
     "stability",
     "export",
     "viewer",
+    "learning",
     "bench",
     "cli",
 )

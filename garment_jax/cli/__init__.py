@@ -23,6 +23,7 @@ from garment_jax.cli import (
     import_,
     infer_command,
     info,
+    learn,
     models,
     render,
     save,
@@ -42,7 +43,7 @@ FAULT = 70  # of this package, as sysexits.h has it
 
 GROUPS = {
     "use": (animate, view, export, render, info, models),
-    "make": (simulate, import_, validate, train, infer_command, evaluate, save, collide),
+    "make": (learn, simulate, import_, validate, train, infer_command, evaluate, save, collide),
     "research": (floor, stability, benchmark, variants),
 }
 COMMANDS = tuple(command for commands in GROUPS.values() for command in commands)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
+from garment_jax.cli.own_scene import add_scene_options, own_motions, own_scene
 
 if TYPE_CHECKING:
     import numpy as np
@@ -87,30 +88,7 @@ def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
 
 def _add_files(ways, shared: argparse.ArgumentParser) -> None:
     parser = ways.add_parser("files", parents=[shared], help="a garment, a body and motions of your own")
-    parser.add_argument(
-        "--garment", required=True, type=Path, help="template on the canonical body, OBJ with UVs, metres"
-    )
-    parser.add_argument(
-        "--unwrap", action="store_true", default=None, help="make the garment's UVs anew (extra unwrap)"
-    )
-    parser.add_argument(
-        "--fit-uv", action="store_true", default=None, help="scale UVs in metres or on tiles into 0 … 1"
-    )
-    parser.add_argument(
-        "--drop-duplicates", action="store_true", default=None, help="leave out faces that occur twice"
-    )
-    parser.add_argument(
-        "--body", required=True, type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf"
-    )
-    parser.add_argument("--betas", nargs="+", type=float, help="shape of a SMPL body")
-    parser.add_argument("--body-unit", help="of the body's file: m, cm, mm, in or metres per unit")
-    parser.add_argument("--body-up", choices=("Y", "Z"), help="up axis of the body's file")
-    parser.add_argument("--body-mesh", metavar="NAME", help="the mesh, of a glTF that holds several bodies")
-    parser.add_argument("--body-skeleton", metavar="NAME", help="the root joint, or skin, of such a body")
-    parser.add_argument("--collider", type=Path, help="closed part that the cloth touches, .npz")
-    parser.add_argument(
-        "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
-    )
+    add_scene_options(parser, required=True)
     parser.add_argument(
         "--motion", required=True, nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
     )
@@ -162,7 +140,9 @@ def run_files(options: argparse.Namespace) -> None:
     settings = _settings(options)
     flat = _pattern(options)
     left_out: list[str] = []
-    scene, jobs = _own_files(options, settings.fps, left_out)
+    dressed = own_scene(options)
+    scene = dressed.scene
+    jobs = own_motions(options, dressed, fps=settings.fps, test=options.test, left_out=left_out)
     check_rest_shape(scene.garment, flat, options.pattern or options.garment)
     _simulate(options, scene, jobs, settings, flat, left_out)
 
@@ -210,81 +190,3 @@ def _simulate(
     left_out += [outcome.job for outcome in outcomes if outcome.path is None]
     if left_out:
         raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
-
-
-def _own_files(options: argparse.Namespace, fps: float, left_out: list[str]) -> tuple:
-    """Return the scene and the clips that a user's own files describe; motions without use: `left_out`."""
-    import numpy as np
-
-    from garment_jax.body.retarget import read_joint_table
-    from garment_jax.importers.bodies import place_template, read_any_body
-    from garment_jax.importers.garment_mesh import load_garment
-    from garment_jax.importers.own_files import check_on_body, is_same, of_one_file
-    from garment_jax.importers.sources import Options
-    from garment_jax.io.scene_files import load_scene
-    from garment_jax.simulation.command import check_collider, motion_jobs
-
-    cloth, notes = load_garment(
-        options.garment,
-        unwrap=bool(options.unwrap),
-        fit_uv=bool(options.fit_uv),
-        drop_duplicates=bool(options.drop_duplicates),
-    )
-    for note in notes:
-        if note.severity != "ok":
-            print(f"{note.severity}: {note.sentence(str(options.garment))}", flush=True)
-    betas = None if options.betas is None else np.array(options.betas)
-    said = Options(
-        unit={part: unit for part in ("body", "motion") if (unit := getattr(options, f"{part}_unit"))},
-        up={part: up for part in ("body", "motion") if (up := getattr(options, f"{part}_up"))},
-    )
-    if any(is_same(options.body, path) for path in options.motion):
-        said = of_one_file(said, ("body", "motion"), options.body)
-    figure = read_any_body(
-        options.body,
-        betas=betas,
-        unit=said.unit.get("body"),
-        up=said.up.get("body"),
-        mesh=options.body_mesh,
-        skeleton=options.body_skeleton,
-        part="body",
-    )
-    cloth = cloth._replace(template=place_template(cloth.template, figure))
-    for note in figure.notes:
-        print(f"{options.body}: {note}", flush=True)
-    scene = load_scene(
-        options.garment,
-        options.body,
-        collider=options.collider,
-        pins=options.pins,
-        cloth=cloth,
-        rigged=figure.body,
-    )
-    check_on_body(scene.garment.template, scene.body, options.garment, remedy="in metres and with Y up")
-    if scene.collider is not None:
-        check_collider(scene.collider, options.collider)
-    jobs = motion_jobs(
-        options.motion,
-        scene.body,
-        fps=fps,
-        test=options.test,
-        joints=None if options.joints is None else read_joint_table(options.joints),
-        source_fps=options.source_fps,
-        skip=options.skip,
-        rest_frame=options.rest_frame,
-        floor=not options.keep_height,
-        unit=options.motion_unit,
-        up=options.motion_up,
-        rest_up=said.up.get("body"),
-        body_file=options.body,
-        body_unit=said.unit.get("body"),
-        origin=figure.origin,
-        animation=options.animation,
-        mesh=options.motion_mesh,
-        skeleton=options.motion_skeleton,
-        say=partial(print, flush=True),
-        left_out=left_out,
-    )
-    if not jobs:
-        raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
-    return scene, jobs

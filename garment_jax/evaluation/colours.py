@@ -5,6 +5,7 @@ import numpy as np
 BODY = np.array([0.66, 0.66, 0.67])  # sRGB: a mannequin that leaves the eye to the cloth
 TRUTH = np.array([0.25, 0.45, 0.66])
 PREDICTION = np.array([0.76, 0.38, 0.27])
+PINS = np.array([0.85, 0.08, 0.10])  # what the body holds, on cloth in TRUTH's blue
 KINDS = {"predicted": PREDICTION}  # colours of one clip alone, by its file's kind; else TRUTH
 INK, FAINT = (38, 42, 48), (116, 122, 130)  # text, 0 to 255
 

@@ -8,7 +8,7 @@ from PIL import Image
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading
-from garment_jax.evaluation.colours import PREDICTION
+from garment_jax.evaluation.colours import PINS, PREDICTION, TRUTH
 from garment_jax.evaluation.drawn_by import png_text
 from garment_jax.evaluation.view import camera_at, frame_clips, picture
 from garment_jax.structs import Motion, Scene
@@ -25,11 +25,12 @@ def portrait(
     *,
     height: int = 640,
     azimuth: float = 35.0,
+    colours: Float[np.ndarray, "*n 3"] = PREDICTION,
 ) -> bytes:
     """Return a PNG, `height` pixels high, of one frame in world metres, the whole body in view.
 
     `root` is the root joint's place and `yaw` its heading in radians; the camera stands `azimuth` degrees
-    from the body's front.
+    from the body's front. `colours`: sRGB of the garment, or of each of its vertices.
     """
     framing = frame_clips(
         body[None],
@@ -42,7 +43,7 @@ def portrait(
     )
     camera = camera_at(framing, root, yaw, supersampling=SUPERSAMPLING)
     pixels = picture(
-        body, scene.body.faces, garment, scene.garment.faces, PREDICTION, camera,
+        body, scene.body.faces, garment, scene.garment.faces, colours, camera,
         floor=framing.floor, supersampling=SUPERSAMPLING,
     )  # fmt: skip
     file = io.BytesIO()
@@ -54,6 +55,15 @@ def template_portrait(scene: Scene, *, height: int = 640) -> bytes:
     """Return a PNG of the garment's template on the body in its canonical pose."""
     body = scene.body
     return portrait(scene, body.vertices, scene.garment.template, body.joints[0], 0.0, height=height)
+
+
+def pins_portrait(scene: Scene, *, height: int = 640) -> bytes:
+    """Return a PNG of the garment's template with its pins in red."""
+    template, body = scene.garment.template, scene.body
+    colours = np.tile(TRUTH, (len(template), 1))
+    if scene.pins is not None:
+        colours[scene.pins.vertices] = PINS
+    return portrait(scene, body.vertices, template, body.joints[0], 0.0, height=height, colours=colours)
 
 
 def frame_portrait(
