@@ -58,7 +58,7 @@ def add(commands) -> None:
         help="motions to keep back and measure on (default: a quarter; of fewer than four, their ends)",
     )  # fmt: skip
     add_motion_options(group)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, stopped="stopped; the same command goes on")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -83,11 +83,7 @@ def run(options: argparse.Namespace) -> None:
     workers = options.workers or min(_cores(), MOST_WORKERS)
     command = shlex.join(["garment-jax", *sys.argv[1:]])
     wanted = Wanted(options.minutes, options.seed, workers, options.force, command)
-    try:
-        learnt = learn(given, options.out, work, wanted, say=say)
-    except KeyboardInterrupt:
-        say("stopped; the same command goes on")
-        raise
+    learnt = learn(given, options.out, work, wanted, say=say)
     if learnt is None:
         return
     say(

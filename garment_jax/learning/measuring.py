@@ -69,7 +69,7 @@ def measure(
 
 
 def liveliest(path: Path) -> bytes:
-    """Return a PNG of the frame of a sequence file, of twenty, in which the garment hangs least as at rest."""
+    """Return a PNG of that one of twenty frames in which the garment hangs least as at rest."""
     with open_sequence(path) as clip:
         which = np.unique(np.linspace(0, clip.frames - 1, 20).astype(int))
         garments = np.stack([clip.read(int(f), int(f) + 1)[0] for f in which])

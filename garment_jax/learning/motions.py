@@ -23,7 +23,7 @@ SHORTEST = 60  # frames of a piece: a window of training is 50
 MANY = 4  # motions of which whole ones are kept back; of fewer, the ends
 THREE = 3  # motions that one is crossed out of
 END = 0.25  # part of a motion that is its end
-FIGURE = 112  # frames of one figure of the package's own
+FIGURE = 112  # frames of one figure of the package's own; fewer where there is no time for all of them
 
 
 class Recorded:
@@ -101,13 +101,14 @@ class Own:
 
     def to_learn(self, frames: int, longest: int) -> dict[str, Motion]:
         """Return each figure, then dances that fill half of the frames: the others are drawn of them."""
-        seconds, seed = FIGURE / self._fps, self._seed
+        figure = min(max(frames // len(MOTIONS), SHORTEST), FIGURE)
+        seconds, seed = figure / self._fps, self._seed
         body = self._body if self._same else self._mannequin.body
         made = {
             kind: self._put(make_motion(kind, body, seconds=seconds, fps=self._fps, seed=seed), kind)
             for kind in MOTIONS
         }
-        dances = max((frames // 2 - len(made) * FIGURE) // longest, 0)
+        dances = max((frames // 2 - len(made) * figure) // longest, 0)
         return made | {f"dancing_{k + 1:03d}": self._dance(longest, k) for k in range(dances)}
 
     def to_draw_from(self, frames: int, longest: int) -> list[Motion]:

@@ -92,6 +92,7 @@ def test_the_packages_own_motions_are_figures_and_dances_and_another_dance(tmp_p
     learnt = source.to_learn(2_400, 240)
     assert [len(motion.root) for motion in kept.values()] == [240]
     assert list(learnt)[:3] == ["walk", "turn", "twirl"]
+    assert {len(m.root) for m in source.to_learn(400, 112).values()} == {66}
     assert list(learnt)[6:] == ["dancing_001", "dancing_002"]
     for motion in learnt.values():
         assert not np.array_equal(motion.rotations[:100], kept["dance"].rotations[:100])
