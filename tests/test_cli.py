@@ -194,7 +194,7 @@ def test_commands_stand_in_groups_one_line_each(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line for line in lines if line in GROUPS] == ["use", "make", "research"]
     after = lines[lines.index("make") :]
-    assert after[1].startswith("  simulate   make clips")
+    assert after[1].startswith("  learn      make a model")
     assert max(map(len, lines)) <= 110
 
 

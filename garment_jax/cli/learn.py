@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.own_scene import Dressed, add_scene_options, own_motions, own_scene
+from garment_jax.cli.train import GOES_ON
 
 if TYPE_CHECKING:
     from garment_jax.learning.learn import Given
@@ -58,7 +59,7 @@ def add(commands) -> None:
         help="motions to keep back and measure on (default: a quarter; of fewer than four, their ends)",
     )  # fmt: skip
     add_motion_options(group)
-    parser.set_defaults(run=run, stopped="stopped; the same command goes on")
+    parser.set_defaults(run=run, stopped=GOES_ON)
 
 
 def run(options: argparse.Namespace) -> None:
