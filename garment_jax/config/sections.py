@@ -162,7 +162,7 @@ class SimulationConfig:
 
     clips: int = key(0, "motions that are drawn out of the recorded ones and simulated; 0: those themselves")
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
-    cloth: tuple[str, ...] = key((), 'as `garment-jax simulate --cloth`, for example ["bend_bias=0.5"]')
+    cloth: tuple[str, ...] = key((), 'as --cloth of `garment-jax simulate`, for example ["bend_bias=0.5"]')
     pattern: str = key("", 'file of the flat pattern, as `simulate --pattern`; "": from the UVs')
     device: str = key("cpu", "cuda: many clips side by side on a GPU")
     at_once: int = key(128, "clips side by side there", "positive")
