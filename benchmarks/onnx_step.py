@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from garment_jax.export.onnx_check import compare_rollouts, open_graph
-from garment_jax.export.onnx_step import export_step
-from garment_jax.export.step_subject import StepSubject, load_subject
+from garment_jax.exporters.onnx_check import compare_rollouts, open_graph
+from garment_jax.exporters.onnx_step import export_step
+from garment_jax.exporters.step_subject import StepSubject, load_subject
 
 WARM = 5  # frames
 

@@ -8,8 +8,6 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from garment_jax import __version__
-
 PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "scipy")
 
 
@@ -26,7 +24,7 @@ def machine() -> dict[str, str]:
         "device": f"{device.platform} {device.device_kind}",
         "system": platform.system(),
         "python": platform.python_version(),
-        "garment-jax": __version__,
+        "garment-jax": _version("garment-jax"),
         **{name: _version(name) for name in PACKAGES},
         "date": datetime.datetime.now().astimezone().isoformat(timespec="minutes"),
     }

@@ -46,7 +46,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
                 writer.append(place[None] + clip.motion.root[:, None])
         yield f"{out}: {len(clip.motion.root)} frames in no time"
 
-    monkeypatch.setattr(animate, "infer_motion", carried)
+    monkeypatch.setattr("garment_jax.api.animating.infer_motion", carried)
 
 
 def names(folder: Path) -> list[str]:
@@ -137,7 +137,7 @@ def test_every_ending_is_written_and_replaced_with_force_alone(
 
 
 def test_a_long_glb_takes_as_many_frames_as_viewers_do(model: str, here: Path, quick, monkeypatch, capsys):
-    monkeypatch.setattr("garment_jax.export.glb.MOST_TARGETS", 4)
+    monkeypatch.setattr("garment_jax.exporters.glb.MOST_TARGETS", 4)
     assert main(["animate", model, "--out", "a.glb"]) == 0
     assert "a.glb: one frame in 3 is a morph target" in capsys.readouterr().out
     assert main(["animate", model, "--out", "b.glb", "--every", "0"]) == 2
@@ -166,7 +166,7 @@ def test_a_height_or_unit_that_is_none_is_refused_before_the_work(model: str, he
 
 
 def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys):
-    monkeypatch.setattr("garment_jax.cli.infer._explained", lambda *a: ["the plan"])
+    monkeypatch.setattr("garment_jax.api.opened._explained", lambda *a: ["the plan"])
     assert main(["animate", model, "--plan"]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "the plan"
     assert names(here) == []
@@ -247,7 +247,7 @@ def test_ctrl_c_leaves_nothing(model: str, here: Path, quick, monkeypatch):
     def stopped(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("garment_jax.cli.animate.write_as", stopped)
+    monkeypatch.setattr("garment_jax.api.animating.write_as", stopped)
     assert main(["animate", model, "--out", "made/new/a.h5", *FAST]) == 130
     assert names(here) == []
 

@@ -37,10 +37,11 @@ ROOMS = (
     "training",
     "baselines",
     "stability",
-    "export",
+    "exporters",
     "viewer",
     "learning",
     "bench",
+    "api",
     "cli",
 )
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -25,7 +25,7 @@ from garment_jax.io.content_hash import rollout_hash
 from garment_jax.io.overwrite_checks import check_animation_out
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.io.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
-from garment_jax.io.validation import check_input
+from garment_jax.io.validation import check_input, check_motion
 from garment_jax.model.misfit import check_parameters
 from garment_jax.model.store import Model, check_rate, facts_of, template_for, without_column_rnn
 from garment_jax.postprocess.figures import per_frame_columns
@@ -52,8 +52,9 @@ def animate(
 
     Begins from the skinned template (with `preroll`, from the template itself, `preroll` frames before).
     What comes after the networks is in `postprocess.pipeline`. Raises `ValueError` for a garment or a frame
-    rate that the model was not trained on, or a joint that the body lacks.
+    rate that the model was not trained on, a joint that the body lacks, or a motion that is not finite.
     """
+    check_motion(motion, name, joints=scene.body.joint_names)
     run = make_animator(model, scene, detail=detail, collision=collision, name=name)
     yield from run(motion, preroll=preroll, name=name)
 
@@ -174,7 +175,7 @@ def _animate_open(
     frames, deepest = 0, 0.0
     figures, known = None, 0
     attributes = {"kind": "predicted", "name": name}
-    run = _animator(model, scene, plan, store, str(clip), {} if animators is None else animators)
+    run = animator_for(model, scene, plan, store, str(clip), {} if animators is None else animators)
     pieces = run(motion, preroll=preroll, name=str(clip))
     writer = SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
     with FrameProgress(name) as progress, writer:
@@ -203,7 +204,7 @@ def _animate_open(
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
 
 
-def _animator(
+def animator_for(
     model: Model,
     scene: Scene,
     plan: ScenePlan,

@@ -93,6 +93,16 @@ def rollout_batch(
 ) -> list[np.ndarray]:
     """Return each motion's garment `[t_i, n, 3]`, metres, root frames; `state` leaves are `[b, ...]`.
 
+    Of our networks, `b` motions side by side in chunks of 32 frames:
+
+        template, seeds = template_for(model, scene, "the scene")
+        inputs = [model_input(model, scene, template, seeds, motion) for motion in motions]
+        starts = [skinned_template(model, template, seeds, x) for x in inputs]  # [n, 3] each
+        state = init_state(model.params, jnp.stack(starts), template=template, config=model.config)
+        run = make_rollout(template, model.config)
+        V = rollout_batch(run, model.params, state, [x.x for x in inputs], chunk=32)
+
+    `body.root_frame.from_root(V[i], inputs[i].root, inputs[i].yaw)` puts a motion's garment into the world.
     Raises `ValueError` as `stack_motions` does, and unless there are as many states as motions.
     """
     x, _ = stack_motions(motions, chunk)

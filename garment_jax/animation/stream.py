@@ -13,15 +13,14 @@ from garment_jax.animation.prefetch import prefetch
 from garment_jax.animation.reach import Reach, beyond_reach, cloth_reach
 from garment_jax.aot_cache import ProgramStore
 from garment_jax.body.carried import Carried, CarriedPoses, carried_points, pose_carried
-from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
 from garment_jax.dataset.lanes import repeated_last
 from garment_jax.dataset.template import Template
-from garment_jax.postprocess.collision.options import CollisionOptions
 from garment_jax.postprocess.figures import FrameFigures
 from garment_jax.postprocess.pipeline import BodyFrame, contact_init, contact_step, shape_init, shape_step
-from garment_jax.postprocess.tables import ContactTables, make_contact_tables, make_shape_tables
+from garment_jax.postprocess.scene_tables import contact_tables, limbs_for, shape_tables
+from garment_jax.postprocess.tables import ContactTables
 from garment_jax.structs import Garment, Motion, Scene
 
 
@@ -61,7 +60,7 @@ class PostprocessStream:
     ) -> None:
         """Begin to compile. `out_of_reach`, `programs` as in `make_animator`."""
         collider = scene.collider if collision else None
-        limbs = limbs_of(scene.body, collider) if collider is not None and config.collision.limbs else None
+        limbs = limbs_for(config, scene) if collision else None
         self._config, self._scene, self._template = config, scene, template
         self._collider, self._limbs, self._programs = collider, limbs, programs or ProgramStore(None)
         self._carried = carried_points(scene, collider=collider is not None, limbs=limbs)
@@ -109,27 +108,15 @@ class PostprocessStream:
         return bool(beyond_reach(self._reach, np.asarray(V)[: len(pins)], pins).max() > 0)
 
     def _shape_programs(self) -> ChunkPrograms:
-        garment, lengths = self._scene.garment, self._config.rollout.lengths
-        tables = make_shape_tables(garment, self._template.laplacian, self._carried.pins, lengths=lengths)
+        tables = shape_tables(self._config, self._scene, self._template, self._carried.pins)
         steps = partial(shape_init, tables=tables), partial(shape_step, tables=tables)
         return compile_chunks("shape", *steps, *self._shapes, tables=tables, programs=self._programs)
 
     @cached_property
     def _contacts(self) -> ChunkPrograms:
         """The second half, built when a motion first needs it."""
-        scene, settings = self._scene, self._config.collision
-        assert self._collider is not None
-        tables = make_contact_tables(
-            scene.garment,
-            self._template.laplacian,
-            self._collider,
-            scene.body,
-            self._carried.pins,
-            limbs=self._limbs,
-            options=CollisionOptions(
-                eps=settings.eps, iterations=settings.iterations, tolerance=settings.tolerance
-            ),
-        )
+        pins = self._carried.pins
+        tables = contact_tables(self._config, self._scene, self._template, pins, self._limbs)
         return contact_programs(tables, *self._shapes, programs=self._programs)
 
 

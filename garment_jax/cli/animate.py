@@ -4,20 +4,20 @@ import argparse
 import os
 import sys
 import webbrowser
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from garment_jax.cli.infer import Opened, Wanted, add_options, infer_motion, open_model, wanted
+from garment_jax.api.opened import open_model
+from garment_jax.api.outputs import ENDINGS, Output, plan_outputs
+from garment_jax.api.written_as import NEXT, Shape, check_able
+from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
-from garment_jax.cli.outputs import ENDINGS, Output, plan_outputs
 from garment_jax.cli.pairs import LeftOut
-from garment_jax.cli.written_as import NEXT, Shape, check_able, write_as
 
 if TYPE_CHECKING:
     from garment_jax.importers.sources import Options
-    from garment_jax.model.scene_file import Sample
 
 EXAMPLES = """examples:
   garment-jax animate skirt                            its sample motion, as a page
@@ -94,55 +94,36 @@ def list_files(paths: Sequence[Path]) -> list[Path | None]:
 def _animate(
     folder: Path, outputs: Sequence[Output], shape: Shape, options: argparse.Namespace, planning: bool
 ) -> None:
+    from garment_jax.api.animating import write_animation
     from garment_jax.model.scene_file import read_sample
-    from garment_jax.storage.scratch import scratch, unmade
 
-    asked = wanted(options)
+    asked, own = wanted(options), motion_options(options)
     opened = open_model(str(folder), lengths=not asked.no_lengths)
     sample = read_sample(folder)
     left_out = LeftOut(len(outputs))
     for output in outputs:
-        into = output.path.parent
-        with left_out.reading(output.motion or folder), unmade(into), scratch(into) as place, _without(place):
-            _animate_one(opened, sample, output, shape, options, asked, place, planning)
+        with left_out.reading(output.motion or folder):
+            files = write_animation(
+                opened,
+                sample,
+                output,
+                shape,
+                own,
+                asked,
+                force=options.force,
+                planning=planning,
+                say=partial(print, flush=True),
+            )
+            if files:
+                _end(files, output, opening=options.out is None and not options.no_open)
     left_out.check()
 
 
-@contextmanager
-def _without(place: Path) -> Iterator[None]:
-    """Leave the scratch folder, which nobody knows, out of what is refused."""
-    try:
-        yield
-    except (ValueError, OSError) as error:
-        if f"{place}{os.sep}" not in str(error):
-            raise
-        raise ValueError(str(error).replace(f"{place}{os.sep}", "")) from error
-
-
-def _animate_one(
-    opened: Opened,
-    sample: "Sample | None",
-    output: Output,
-    shape: Shape,
-    options: argparse.Namespace,
-    asked: Wanted,
-    place: Path,
-    planning: bool,
-) -> None:
-    """Animate one motion in the scratch folder `place` and move the result to its place."""
-    moving, notes = motion_file(opened, sample, output.motion, motion_options(options), place)
-    for note in notes:
-        print(note, flush=True)
-    title = output.path.stem if output.motion is None else output.motion.stem
-    made = None if planning else place / f"{title}.animation.h5"
-    for line in infer_motion(opened, moving, made, asked):
-        print(line.replace(f"{made}: ", f"{title}: "), flush=True)
-    if made is None:
-        return
-    files = write_as(made, output, shape, place, title=title, force=options.force)
+def _end(files: Sequence[Path], output: Output, *, opening: bool) -> None:
+    """Say what was written and what to do with it; open a page."""
     size = sum(p.stat().st_size for file in files for p in ([file] if file.is_file() else file.rglob("*")))
     print(f"{', '.join(map(str, files))}: {size / 1e6:.1f} MB; next: {NEXT[output.format]}", flush=True)
-    if output.format == "html" and options.out is None and not options.no_open:
+    if output.format == "html" and opening:
         open_page(files[0])
 
 
@@ -165,42 +146,6 @@ def motion_options(options: argparse.Namespace) -> "Options":
         mesh=of_motion(options.motion_mesh),
         skeleton=of_motion(options.motion_skeleton),
     )
-
-
-def motion_file(
-    opened: Opened, sample: "Sample | None", motion: Path | None, own: "Options", place: Path
-) -> tuple[Path, tuple[str, ...]]:
-    """Return a sequence file of a motion in the model's scene, and what was decided for the user.
-
-    That is the model's own scene file for no motion, and a sequence file of the model's garment and rate as
-    it stands, with its own body; any other motion is put on the model's body, written into `place`.
-    Raises `ValueError` where the model keeps no scene, and for what cannot be read or put on its body.
-    """
-    from garment_jax.importers.motion_clips import of_same_garment, put_on
-    from garment_jax.io.sequence_writer import SequenceWriter
-    from garment_jax.model.scene_file import SCENE
-
-    fps = opened.facts.fps
-    untouched = own._replace(floor=True) == type(own)(floor=True)
-    if motion is None:
-        if sample is not None:
-            return Path(opened.path) / SCENE, ()
-    elif (
-        motion.suffix.lower() == ".h5"
-        and untouched
-        and (sample is None or of_same_garment(motion, sample.scene.garment, fps))
-    ):
-        return motion, ()
-    if motion is None or sample is None:
-        raise ValueError(
-            f"{opened.path} holds no {SCENE}, so its garment and body are not known; give a sequence file of "
-            f"them as the motion, or save the model again: garment-jax save {opened.path} --scene CLIP.h5."
-        )
-    clip = put_on(motion, sample.scene, fps=fps, options=own)
-    path = place / f"{motion.stem}.motion.h5"
-    with SequenceWriter(path, sample.scene, clip.motion, encoding="none", attributes={"name": motion.stem}):
-        pass
-    return path, clip.notes
 
 
 def open_page(page: Path) -> None:

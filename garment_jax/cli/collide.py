@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from garment_jax.cli.xla_messages import hush_xla
+from garment_jax.api.xla_messages import hush_xla
 
 
 def add(commands) -> None:

@@ -32,7 +32,7 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.export.command import choose_format, export_file
+    from garment_jax.exporters.command import choose_format, export_file
 
     given = _given(options)
     if choose_format(options.out, options.format) == "onnx":
@@ -70,7 +70,7 @@ def _run_onnx(options: argparse.Namespace, given: dict) -> None:
         raise ValueError(
             "--format onnx needs --clip: any sequence file of the garment that the model animates."
         )
-    from garment_jax.export.onnx_step import export_step
+    from garment_jax.exporters.onnx_step import export_step
 
     facts = export_step(options.source, options.out, clip=options.clip, detail=not options.no_detail)
     for name, value in facts.items():

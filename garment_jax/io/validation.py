@@ -100,7 +100,7 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
 
 
 def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
-    """Raise ValueError if rotations are none or the root jumps; `joints` are the rotations' names."""
+    """Raise ValueError if rotations are none, the root is nowhere or jumps; `joints` are their names."""
     for _, frames in stretches(len(motion.root)):
         R = motion.rotations[frames].astype(np.float64)
         error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
@@ -113,6 +113,13 @@ def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
                 f"{name}: rotations of frame {frames.start + frame} are no rotation matrices ({which}); "
                 "export them again."
             )
+    nowhere = ~np.isfinite(motion.root).all(axis=1)
+    if nowhere.any():
+        frame = int(nowhere.argmax())
+        raise ValueError(
+            f"{name}: the root of frame {frame} is at {np.asarray(motion.root[frame]).tolist()}; export the "
+            "motion again."
+        )
     speed = np.linalg.norm(np.diff(motion.root, axis=0), axis=1) * motion.fps
     if len(speed) and speed.max() > FASTEST:
         raise ValueError(

@@ -17,7 +17,7 @@ from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import SeenBody, Statistics, Template, read_seen_body, scene_template
 from garment_jax.io.content_hash import garment_hash, mesh_hash
 from garment_jax.io.formats.npz import npz_names, read_npz
-from garment_jax.io.validation import FPS_TOLERANCE, check_same_garment
+from garment_jax.io.validation import FPS_TOLERANCE, check_motion, check_same_garment
 from garment_jax.model.folder import (
     FACTS,
     PICTURE,
@@ -134,8 +134,10 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
 def model_input(model: Model, scene: Scene, template: Template, seeds: Seeds, motion: Motion) -> MotionInput:
     """Return what a rollout of `model` reads of `motion`; `template` and `seeds` are from `template_for`.
 
-    Seeds are posed in frame 0 alone. Raises `ValueError` for a joint that the body lacks.
+    Seeds are posed in frame 0 alone. Raises `ValueError` for a joint that the body lacks, and for a motion
+    that is not finite.
     """
+    check_motion(motion, "the motion", joints=scene.body.joint_names)
     inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     if template.ring is None:
         return inputs
@@ -276,8 +278,8 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
                 )
             if (folder / "checkpoints").is_dir():
                 raise FileNotFoundError(
-                    f"{folder} is a run of train.py and not yet a model; run garment-jax save {folder} --out "
-                    "MODEL first, or read it with garment_jax.training.pipeline.trained_model."
+                    f"{folder} is a run of train.py and not yet a model; read it with garment_jax.load, or "
+                    f"run garment-jax save {folder} --out MODEL first."
                 )
             raise FileNotFoundError(
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."

@@ -23,7 +23,7 @@ def run_words(words: Sequence[str]) -> int:
 
 def share_programs(folder: Path) -> None:
     """Keep what jax compiles in `folder`, for all forks; call it before jax is imported."""
-    from garment_jax.cli.xla_messages import hush_xla
+    from garment_jax.api.xla_messages import hush_xla
 
     hush_xla()
     os.environ.setdefault("JAX_PLATFORMS", "cpu")

@@ -174,7 +174,7 @@ def _run_kinds(options: argparse.Namespace, good_files: Path) -> None:
 
 def load(*, jax: bool) -> None:
     """Import what the commands use, once for all forks; what animates and trains with `jax` alone."""
-    import garment_jax.export.command
+    import garment_jax.exporters.command
     import garment_jax.importers.clips
     import garment_jax.importers.formats
     import garment_jax.io.importer

@@ -158,7 +158,7 @@ def _import_everything() -> None:
     from garment_jax.animation import animate, collide  # noqa: F401
     from garment_jax.cli import make_parser
     from garment_jax.evaluation import render  # noqa: F401
-    from garment_jax.export import command as _  # noqa: F401
+    from garment_jax.exporters import command as _  # noqa: F401
     from garment_jax.importers import clips, scenes  # noqa: F401
     from garment_jax.training import pipeline, run  # noqa: F401
 

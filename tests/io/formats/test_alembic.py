@@ -1,4 +1,4 @@
-"""Alembic's times from its container, written by hand here; the rest runs in Blender (tests/export)."""
+"""Alembic's times from its container, written by hand here; the rest runs in Blender (tests/exporters)."""
 
 import struct
 from pathlib import Path

@@ -1,0 +1,233 @@
+"""A model opened for any motions: plan the scene, choose what fits the budget, read, animate."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from garment_jax.api.xla_messages import hush_xla
+
+if TYPE_CHECKING:
+    from garment_jax.animation.animate import Animator
+    from garment_jax.animation.plan import ScenePlan
+    from garment_jax.animation.variants import Measured
+    from garment_jax.aot_cache import Here
+    from garment_jax.model.store import Model, ModelFacts
+    from garment_jax.structs import Motion, Scene
+
+
+class Wanted(NamedTuple):
+    """What is to run of a model; by its names `infer.py` and `garment-jax animate` have options."""
+
+    no_column_rnn: bool = False
+    no_detail: bool = False
+    no_lengths: bool = False
+    no_collision: bool = False
+    preroll: int = 0
+    plan: bool = False
+    budget_ms: float | None = None
+    lod: float | None = None
+
+
+class Opened(NamedTuple):
+    """A model that is opened for any number of motions; what they share is read and compiled once."""
+
+    path: str
+    facts: "ModelFacts"
+    here: "Here"
+    models: "dict[tuple[str, ...], Model]"  # by the parameters left out
+    animators: "dict[tuple, Animator]"  # by scene and plan, see `animation.animate`
+
+
+def open_model(model: str, *, lengths: bool = True) -> Opened:
+    """Open a run of `train.py`, a model's folder or a shipped model by its name; parameters come later.
+
+    `lengths` off leaves edges as the networks have them. Raises `ValueError` or `OSError` in one sentence.
+    """
+    hush_xla()
+    from garment_jax.aot_cache import warm_start
+    from garment_jax.model.shipped import find_model
+
+    path = str(find_model(model))
+    here = warm_start()
+    facts, whole = _facts(path)
+    if not lengths:
+        facts = _without_lengths(facts)
+    models = {} if whole is None else {(): _read(path, lengths=lengths, whole=whole)}
+    return Opened(path, facts, here, models, {})
+
+
+def infer_motion(opened: Opened, motion: str | Path, out: str | Path | None, asked: Wanted) -> Iterator[str]:
+    """Animate a sequence file's motion into `out` (None: nothing is written) and yield the lines to print.
+
+    Raises `ValueError` or `OSError` in one sentence for what does not fit.
+    """
+    from garment_jax.animation.animate import animate_file
+    from garment_jax.animation.plan import make_plan
+    from garment_jax.io.sequence import open_sequence
+    from garment_jax.io.validation import check_input
+    from garment_jax.model.store import check_rate
+
+    model, facts, budget_ms = opened.path, opened.facts, asked.budget_ms
+    read = partial(read_once, opened, lengths=not asked.no_lengths)
+    with open_sequence(motion) as sequence:
+        check_input(sequence, joints=facts.config.body.motion_joints)
+        scene, moves = sequence.scene, sequence.long_motion
+        check_rate(facts, moves, Path(motion).stem)  # a plan of what would be refused helps nobody
+        scene_plan = make_plan(
+            facts,
+            scene,
+            moves,
+            column_rnn=not asked.no_column_rnn,
+            detail=not asked.no_detail,
+            collision=not asked.no_collision,
+            pixel_mm=asked.lod,
+            detail_mm=None if asked.lod is None else _detail_mm(model),
+        )
+        name, chosen = "whole model", None
+        if budget_ms is not None:
+            # with a column RNN that is not wanted, too: its variants have the names of the stored table
+            found = _within(budget_ms, model, read(), scene, moves, scene_plan, opened.here)
+            name, scene_plan, chosen, line = found
+            yield line
+        if asked.plan:
+            planned = _as_planned(chosen or read(), scene_plan)
+            yield from _explained(planned, scene, moves, scene_plan, name, opened.here)
+    if out is None:
+        return
+    figures = animate_file(
+        chosen or read(scene_plan.leave_out),
+        motion,
+        out,
+        preroll=asked.preroll,
+        plan=scene_plan,
+        store=opened.here.store,
+        animators=opened.animators if chosen is None else None,
+    )
+    rate = figures["frames"] / figures["seconds"]
+    took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"
+    yield f"{out}: {took}"
+
+
+def read_once(opened: Opened, leave_out: tuple[str, ...] = (), *, lengths: bool = True) -> "Model":
+    """Return the model without the parameters `leave_out`, read once; the whole one serves, too."""
+    known = opened.models.get(leave_out) or opened.models.get(())
+    if known is None:
+        known = opened.models[leave_out] = _read(opened.path, leave_out, lengths=lengths)
+    return known
+
+
+def _as_planned(model: "Model", plan: "ScenePlan") -> "Model":
+    from garment_jax.model.store import without_column_rnn
+
+    return model if plan.column_rnn else without_column_rnn(model)
+
+
+def _facts(path: str):
+    """Return what the model at `path` says of itself, and the model where it had to be read whole (a run)."""
+    from garment_jax.model.store import facts_of, model_facts
+    from garment_jax.training.run_directory import CHECKPOINTS
+
+    if not (Path(path) / CHECKPOINTS).is_dir():
+        return model_facts(path), None
+    from garment_jax.training.pipeline import trained_model
+
+    model = trained_model(path)
+    return facts_of(model), model
+
+
+def _without_lengths(facts: "ModelFacts") -> "ModelFacts":
+    from garment_jax.animation.variants import lengths_off
+
+    return facts._replace(config=lengths_off(facts.config))
+
+
+def _read(
+    path: str, leave_out: tuple[str, ...] = (), *, lengths: bool, whole: "Model | None" = None
+) -> "Model":
+    """Return the model at `path`, or `whole` where it is read already; edge lengths restored or not."""
+    from garment_jax.animation.variants import without_lengths
+    from garment_jax.model.store import load_model
+
+    model = whole or load_model(path, leave_out=leave_out)
+    return model if lengths else without_lengths(model)
+
+
+def _detail_mm(path: str) -> float | None:
+    from garment_jax.animation.variants import stored_variants
+
+    try:
+        return stored_variants(path)[1]
+    except FileNotFoundError:
+        return None
+
+
+def _within(
+    budget_ms: float,
+    path: str,
+    model: "Model",
+    scene: "Scene",
+    motion: "Motion",
+    plan: "ScenePlan",
+    here: "Here",
+):
+    """Return the name, the plan and the model of the most accurate variant that fits, and a line on it."""
+    from garment_jax.animation.calibration import frame_times
+    from garment_jax.animation.variants import apply_variant, choose
+
+    rows = _rows(path, model, plan)
+    times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
+    chosen = choose(rows, times, budget_ms)
+    v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
+    for part in ("column_rnn", "detail", "collision"):
+        if getattr(plan, part) and not getattr(v, part):
+            plan = plan._replace(**{part: False}, why={**plan.why, part: why})
+    if plan.lengths and not v.lengths:
+        plan = plan._replace(lengths=False, why={**plan.why, "edge lengths": why})
+    line = (
+        f"budget {budget_ms:g} ms: {chosen.name}, {times[chosen.name]:.1f} ms a frame here, "
+        f"error {chosen.error_cm:.2f} cm on the validation clip (whole model {rows[0].error_cm:.2f} cm, "
+        f"{times[rows[0].name]:.1f} ms)"
+    )
+    return chosen.name, plan, apply_variant(model, v), line
+
+
+def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
+    """Return the measured variants that leave out all that the plan leaves out.
+
+    Raises `ValueError` where none leaves out no more: collisions would be left unhandled for no lack of time.
+    """
+    from garment_jax.animation.variants import stored_variants
+
+    rows, wanted = stored_variants(path)[0], (plan.column_rnn, plan.detail, plan.collision)
+    if wanted not in [(row.variant.column_rnn, row.variant.detail, row.variant.collision) for row in rows]:
+        names = zip(("the column RNN", "detail", "collision handling"), wanted, strict=True)
+        left_out = " and ".join(name for name, kept in names if not kept)
+        raise ValueError(
+            f"--budget-ms: of {path} no variant without just {left_out} has been measured, so its error "
+            "is not known; leave one of them in, or --budget-ms out."
+        )
+    return [
+        row
+        for row in rows
+        if row.variant.detail <= plan.detail
+        and row.variant.column_rnn <= plan.column_rnn
+        and row.variant.collision <= plan.collision
+    ]
+
+
+def _explained(
+    model: "Model", scene: "Scene", motion: "Motion", plan: "ScenePlan", name: str, here: "Here"
+) -> list[str]:
+    """Return the plan's lines, with times measured on this machine."""
+    from garment_jax.animation.calibration import frame_times
+    from garment_jax.animation.plan import CLEARANCE, reachable_triangles
+    from garment_jax.animation.plan_report import part_costs, parts, plan_lines
+
+    collision, detail = scene.collider is not None, "detail" in model.params
+    names = parts(detail, collision)
+    times = frame_times(model, scene, motion, names, folder=here.folder, store=here.store)
+    costs = part_costs(times, detail=detail, collision=collision)
+    margin = model.config.collision.eps + CLEARANCE
+    reachable = reachable_triangles(scene, motion, margin=margin)
+    return plan_lines(plan, costs, variant=name, reachable=reachable, frames=len(motion.root))

@@ -1,0 +1,116 @@
+"""A sequence file becomes whatever the output's name says: by the viewer, the exporters or the renderer."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from garment_jax.api.outputs import Output, move_into_place
+from garment_jax.progress import FrameProgress
+
+NEXT = {
+    "html": "open it in a browser",
+    "glb": "import it in Blender, Unity or Unreal, or open it in a glTF viewer",
+    "usd": "open it in Blender, Houdini or usdview",
+    "abc": "import it in Blender, Maya or Houdini",
+    "pc2": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",
+    "mdd": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",
+    "obj": "import its frames as a sequence",
+    "npz": "numpy.load it: vertices, faces, uv, body_vertices",
+    "h5": "garment-jax view, export and evaluate read it",
+    "mp4": "play it",
+    "webp": "open it in a browser",
+    "gif": "open it in a browser",
+    "png": "look at it",
+}
+
+
+class Shape(NamedTuple):
+    """How the output is to be."""
+
+    body: bool = True
+    unit: str | None = None  # m, cm or mm
+    up: str | None = None  # Y or Z
+    blender: str | None = None
+    height: int = 480  # pixels of pictures and films
+    every: int | None = None  # frames a morph target; None: as few as viewers take
+
+
+def check_able(formats: set[str], shape: Shape) -> None:
+    """Raise `ValueError` for what cannot be written here, before the work is done."""
+    if "mp4" in formats:
+        from garment_jax.evaluation.film import find_ffmpeg
+
+        find_ffmpeg()
+    if formats & {"mp4", "webp", "gif", "png"}:
+        from garment_jax.evaluation.film import check_height
+
+        check_height(shape.height)
+    if shape.every is not None and formats != {"glb"}:
+        raise ValueError(f"--every {shape.every} is for .glb, whose frames are morph targets; leave it out.")
+    meshes = formats & {"glb", "usd", "abc", "pc2", "mdd", "obj", "npz"}
+    for option, value in (("--out-unit", shape.unit), ("--out-up", shape.up)):
+        if value is not None and not meshes:
+            raise ValueError(f"{option} {value} is for meshes, not for {', '.join(formats)}; leave it out.")
+
+
+def write_as(
+    sequence: Path, output: Output, shape: Shape, place: Path, *, title: str, force: bool
+) -> list[Path]:
+    """Write the animation in `sequence` as `output`, built in the folder `place`; return the files.
+
+    Raises `ValueError` or `OSError` in one sentence; then nothing is written.
+    """
+    made = place / output.path.name
+    if output.format == "h5":
+        files = [sequence.rename(made)]
+    elif output.format == "html":
+        files = [_page(sequence, made, shape, title)]
+    elif output.format in ("mp4", "webp", "gif", "png"):
+        files = [_pictures(sequence, made, shape, title)]
+    else:
+        files = _meshes(sequence, made, output.format, shape)
+    return move_into_place(files, output.path.parent, force=force)
+
+
+def _page(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
+    from garment_jax.viewer.command import view_files
+
+    return view_files([sequence], made, title=title, body=shape.body).path
+
+
+def _pictures(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
+    from garment_jax.evaluation.film import film_file, still_file
+
+    with FrameProgress(f"{title}, pictures") as progress:
+        if made.suffix.lower() == ".png":
+            return still_file(sequence, made, height=shape.height)
+        return film_file(sequence, made, height=shape.height, progress=progress)
+
+
+def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]:
+    from garment_jax.exporters.command import export_file
+
+    given: dict[str, Any] = {k: v for k, v in shape._asdict().items() if v is not None and k != "height"}
+    frames = made.with_name("frames")  # a folder may be called NAME.obj, `export` would take it for a file
+    given = _morph_targets(sequence, made.name, given) if format == "glb" else given
+    with FrameProgress(made.name) as progress:
+        report = export_file(
+            sequence, frames if format == "obj" else made, format=format, progress=progress, **given
+        )
+    return [frames.rename(made)] if format == "obj" else report.files
+
+
+def _morph_targets(sequence: Path, name: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Return the export's options with as many frames a morph target as viewers ask for, and say so."""
+    from garment_jax.exporters.glb import MOST_TARGETS
+    from garment_jax.io.sequence import open_sequence
+
+    if "every" in given:
+        return given
+    with open_sequence(sequence) as clip:
+        every = -(-max(clip.frames - 1, 1) // MOST_TARGETS)
+    if every > 1:
+        print(
+            f"{name}: one frame in {every} is a morph target, with straight lines between, for viewers take "
+            f"{MOST_TARGETS}; --every says otherwise, .usdc and .abc hold every frame"
+        )
+    return given | {"every": every}

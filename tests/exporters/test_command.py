@@ -1,0 +1,280 @@
+"""`garment-jax export`: every format read back, units, axes, frames; what does not fit; Ctrl-C."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from garment_jax.cli import main
+from garment_jax.exporters.command import export_file
+from garment_jax.io.formats.any_mesh_cache import read_cache
+from garment_jax.io.formats.obj import read_obj
+from garment_jax.io.formats.pc2 import read_pc2_header
+from garment_jax.io.sequence import open_sequence
+from garment_jax.storage.lock import lock_name, locked
+from garment_jax.structs import Motion
+from tests.reference.scene import make_motion, make_scene, skin, write_clip
+
+FRAMES = 20  # more than a window
+OUT = {"usd": "a.usdc", "pc2": "a.pc2", "mdd": "a.mdd", "obj": "frames", "npz": "a.npz"}
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_clip(tmp_path_factory.mktemp("export") / "clip.h5", FRAMES, encoding="float32")
+
+
+@pytest.fixture(scope="module")
+def truth(clip: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The garment and the body in metres, Y up."""
+    with open_sequence(clip) as sequence:
+        body = sequence.scene.body
+        posed = skin(body.vertices.astype(np.float64), body.skin_weights, sequence.motion, body)
+        return sequence.read(0, FRAMES), posed
+
+
+def opened(folder: Path, format: str, *, body: bool = False) -> Any:
+    if format == "npz":
+        with np.load(folder / "a.npz") as found:
+            return found["body_vertices" if body else "vertices"]
+    if format == "usd":
+        from garment_jax.io.formats.usd import read_usd
+
+        return read_usd(folder / "a.usdc", mesh="Body" if body else "Garment").vertices[:]
+    name = OUT[format].replace(".", "_body.") if body else OUT[format]
+    return read_cache(folder / name / "body" if body and format == "obj" else folder / name).vertices[:]
+
+
+def skip_without_library(format: str) -> None:
+    if format == "usd":
+        pytest.importorskip("pxr", reason="needs the extra usd")
+
+
+@pytest.mark.parametrize("format", OUT)
+def test_round_trip_in_metres_is_exact(tmp_path: Path, clip: Path, truth: Any, format: str):
+    skip_without_library(format)
+    seen = []
+    report = export_file(clip, tmp_path / OUT[format], format=format, progress=lambda *at: seen.append(at))
+    np.testing.assert_array_equal(opened(tmp_path, format), truth[0])
+    np.testing.assert_allclose(opened(tmp_path, format, body=True), truth[1], atol=1e-6)
+    assert (report.frames, seen[-1]) == (FRAMES, (2 * FRAMES, 2 * FRAMES))
+    assert report.bytes > truth[0].nbytes
+    assert all(file.exists() for file in report.files)
+    assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+@pytest.mark.parametrize("format", OUT)
+def test_part_of_a_clip_in_centimetres_with_z_up(tmp_path: Path, clip: Path, truth: Any, format: str):
+    skip_without_library(format)
+    options: dict[str, Any] = {"unit": "cm", "up": "Z", "start": 3, "stop": 9, "body": False}
+    export_file(clip, tmp_path / OUT[format], format=format, **options)
+    V = truth[0][3:9].astype(np.float64)
+    expected = 100 * np.stack([V[..., 0], -V[..., 2], V[..., 1]], axis=-1)
+    np.testing.assert_allclose(opened(tmp_path, format), expected, atol=1e-5)  # float32 of a metre in cm
+    assert not list(tmp_path.rglob("*body*"))
+
+
+def test_frame_offset_and_rate_are_written(tmp_path: Path, clip: Path):
+    options: dict[str, Any] = {"frame_offset": 101, "fps": 24, "stop": 4}
+    for format in ("pc2", "mdd", "obj", "npz"):
+        export_file(clip, tmp_path / OUT[format], format=format, **options)
+    assert read_pc2_header(tmp_path / "a.pc2").first_frame == 101
+    mdd = read_cache(tmp_path / "a.mdd")
+    assert mdd.fps == 24
+    assert np.fromfile(tmp_path / "a.mdd", ">f4", 1, offset=8)[0] == np.float32(101 / 24)
+    assert (tmp_path / "frames" / "garment_0104.obj").is_file()
+    with np.load(tmp_path / "a.npz") as found:
+        facts = {name: found[name][()] for name in ("fps", "unit", "up", "first_frame")}
+    assert facts == {"fps": 24.0, "unit": 1.0, "up": "Y", "first_frame": 101}
+
+
+def test_usd_says_its_unit_axis_and_times(tmp_path: Path, clip: Path):
+    pytest.importorskip("pxr", reason="needs the extra usd")
+    from pxr import Usd, UsdGeom
+
+    export_file(clip, tmp_path / "a.usda", unit="mm", up="Z", fps=60, frame_offset=-2)
+    cache = read_cache(tmp_path / "a.usda")
+    assert (cache.fps, cache.unit, cache.up) == (60, 0.001, "Z")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (-2, FRAMES - 3)
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Clip/Garment"))
+    given = np.array(mesh.GetNormalsAttr().Get(3))
+    exact = trimesh.Trimesh(cache.vertices[5], cache.faces, process=False).vertex_normals
+    assert (given * exact).sum(axis=1).min() > 0.99
+
+
+def test_the_obj_beside_a_cache_has_its_vertices_in_order(tmp_path: Path, clip: Path):
+    files = export_file(clip, tmp_path / "a.pc2", unit="cm").files
+    assert [file.name for file in files] == ["a.pc2", "a.obj", "a_body.pc2", "a_body.obj"]
+    scene = make_scene()
+    rest = read_obj(tmp_path / "a.obj")
+    np.testing.assert_allclose(rest.vertices, 100 * scene.garment.template, rtol=1e-6)
+    np.testing.assert_array_equal(rest.faces, scene.garment.faces)
+    np.testing.assert_array_equal(rest.faces_uv, scene.garment.faces_uv)
+    np.testing.assert_array_equal(read_obj(tmp_path / "a_body.obj").faces, scene.body.faces)
+
+
+def test_frames_that_are_there_already_are_the_result(tmp_path: Path, clip: Path, capsys):
+    """A run that was killed after its last file has made them; others stay, and are refused."""
+    words = ["export", str(clip), "--format", "obj", "--stop", "2", "--out", str(tmp_path / "frames")]
+    assert main(words) == 0
+    made = tmp_path / "frames/garment_0001.obj"
+    inode = made.stat().st_ino
+    assert main(words) == 0
+    assert made.stat().st_ino == inode
+    made.write_text("v 0 0 0\n")
+    assert main(words) == 2
+    assert "frames is a folder that is not empty; name a new one" in capsys.readouterr().err
+    assert made.read_text() == "v 0 0 0\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["frames"]
+
+
+def test_two_caches_of_one_mesh_are_not_exported_at_once(tmp_path: Path, clip: Path):
+    """Each writes the mesh's file with the names of both: one would forget the other."""
+    held = locked(tmp_path, "exporting a", name=lock_name("a"))
+    with held, pytest.raises(OSError, match=r"exporting a in .* wait until it ends, or name another --out"):
+        export_file(clip, tmp_path / "a.mdd", stop=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, capsys):
+    (tmp_path / "skirt.obj").write_text("v 0 0 0\n")
+    for name in ("skirt.pc2", "skirt.mdd"):
+        assert main(["export", str(clip), "--out", str(tmp_path / name)]) == 2
+        assert f"{tmp_path}/skirt.obj is there and no export wrote it" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["skirt.obj"]
+    assert (tmp_path / "skirt.obj").read_text() == "v 0 0 0\n"
+    for _ in range(2):  # its own it replaces
+        assert main(["export", str(clip), "--out", str(tmp_path / "a.pc2")]) == 0
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.usda", "a.usdc", "a.usdz"])
+def test_a_file_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+    if "usd" in name:
+        pytest.importorskip("pxr")
+    out = tmp_path / name
+    export_file(clip, out, stop=3)
+    export_file(clip, out, stop=2)
+    np.savez(tmp_path / "rig.npz", weights=np.eye(3), vertices=np.zeros((3, 3)))  # somebody's body
+    (tmp_path / "rig.npz").rename(out)
+    before = out.read_bytes()
+    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
+        export_file(clip, out, stop=2)
+    assert out.read_bytes() == before
+
+
+def test_a_stage_of_another_program_is_not_replaced(tmp_path: Path, clip: Path):
+    pxr = pytest.importorskip("pxr.Usd")
+    out = tmp_path / "a.usda"
+    stage = pxr.Stage.CreateNew(str(out))
+    stage.DefinePrim("/Clip")
+    stage.Save()
+    with pytest.raises(ValueError, match=r"a\.usda is there and export did not write it"):
+        export_file(clip, out, stop=2)
+
+
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
+def test_a_cache_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+    out = tmp_path / name
+    out.write_bytes(b"POINTCACHE2")
+    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
+        export_file(clip, out, stop=2)
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".h5"] == [name]
+
+
+def test_a_cache_that_was_simulated_on_an_exported_mesh_is_not_replaced(tmp_path: Path, clip: Path):
+    export_file(clip, tmp_path / "a.pc2", stop=3)
+    (tmp_path / "a.mdd").write_bytes(b"somebody's simulation")
+    with pytest.raises(ValueError, match=r"a\.mdd is there and export did not write it"):
+        export_file(clip, tmp_path / "a.mdd", stop=2)
+    (tmp_path / "a.mdd").unlink()
+    for name in ("a.mdd", "a.pc2", "a.mdd"):  # each knows of both
+        export_file(clip, tmp_path / name, stop=2)
+
+
+def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):
+    assert main(["export", str(clip), "--format", "pc2", "--out", str(tmp_path / "a.pc2"), "--no-body"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{tmp_path}/a.pc2, {tmp_path}/a.obj: 20 frames, ")
+    assert said.rstrip().endswith("frames/s")
+
+
+@pytest.mark.parametrize("format", OUT)
+def test_ctrl_c_leaves_nothing(tmp_path: Path, clip: Path, format: str, monkeypatch, capsys):
+    skip_without_library(format)
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("garment_jax.exporters.clip.pose_body", stop)
+    assert main(["export", str(clip), "--format", format, "--out", str(tmp_path / OUT[format])]) == 130
+    assert "interrupted" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--out", "a.pc2", "--format", "usd"], "a.pc2: --format usd is written to .usd or .usda"),
+        (["--out", "a.fbx"], "a.fbx: its ending names no format; give --format usd|glb|pc2"),
+        (["--out", "frames"], "its ending names no format"),
+        (["--out", "a.obj", "--format", "obj"], "fill a folder; name it without .obj"),
+        (["--out", "a.mdd", "--fps", "0"], "--fps 0 is out of range"),
+        (["--out", "a.mdd", "--fps", "nan"], "--fps nan is out of range"),
+        (["--out", "a.mdd", "--start", "20"], "has 20 frames; --start 20 --stop 20 must fit"),
+        (["--out", "a.mdd", "--stop", "21"], "--start 0 --stop 21 must fit"),
+        (["--out", "a.mdd", "--every", "2"], "--every 2 is for --format glb"),
+        (["--out", "frames", "--format", "obj", "--frame-offset", "-1"], "files are numbered from 0"),
+        (["--out", "a.abc", "--frame-offset", "-1"], "Blender begins at frame 0"),
+        (["--out", "a.abc", "--blender", "nowhere"], "nowhere is no program; install Blender"),
+        (["--out", "a.pc2", "--frame-offset", "99999999999"], "--frame-offset 99999999999 is out of range"),
+        (["--out", "a.glb", "--frame-offset", "3"], "a GLB's time begins at 0"),
+        (["--out", "a.glb", "--unit", "cm"], "glTF fixes metres"),
+        (["--out", "a.onnx"], "--format onnx needs --clip"),
+        (["--out", "a.onnx", "--up", "Z"], "--up: for sequences, not for --format onnx"),
+        (["--out", "a.usd", "--clip", "b.h5"], "--clip and --no-detail are for --format onnx"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    tmp_path: Path, clip: Path, words: list, sentence: str, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", str(clip), *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_cannot_be_exported(tmp_path: Path, clip: Path, capsys):
+    from garment_jax.io.sequence import SequenceWriter
+
+    assert main(["export", str(tmp_path), "--out", str(tmp_path / "a.pc2")]) == 2
+    assert "is a folder; name a sequence file" in capsys.readouterr().err
+    scene, motion = make_scene(), make_motion(make_scene(), 3)
+    with SequenceWriter(tmp_path / "motion.h5", scene, motion, encoding="none"):
+        pass
+    with pytest.raises(ValueError, match="holds a motion without garment vertices"):
+        export_file(tmp_path / "motion.h5", tmp_path / "a.pc2")
+    with pytest.raises(ValueError, match="is what is read; write to another file"):
+        export_file(clip, clip, format="npz")
+    (tmp_path / "taken").touch()
+    with pytest.raises(ValueError, match="taken is a file; OBJ files, one a frame"):
+        export_file(clip, tmp_path / "taken", format="obj")
+    with pytest.raises(ValueError, match="exports a model"):
+        export_file(clip, tmp_path / "a.onnx")
+
+
+def test_a_frame_that_is_not_finite_is_named(tmp_path: Path):
+    scene = make_scene(3, 4)
+    motion: Motion = make_motion(scene, 3)
+    path = write_clip(tmp_path / "clip.h5", scene=scene, motion=motion, encoding="float32")
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        file["vertices"][1, 5] = np.nan
+    with pytest.raises(ValueError, match="frame 1 is not finite; predict it again"):
+        export_file(path, tmp_path / "a.mdd")
+    with pytest.raises(ValueError, match="vertex 5 of frame 1 is not finite"):
+        export_file(path, tmp_path / "a.glb")
+    assert [file.name for file in tmp_path.iterdir()] == ["clip.h5"]
