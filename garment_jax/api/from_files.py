@@ -82,7 +82,7 @@ def train(
     from garment_jax.training.pipeline import train as train_stages
 
     read = config if isinstance(config, Config) else load_config(config)
-    words = [word for key, value in settings.items() for word in (f"--{key}", _word(value))]
+    words = [word for key, value in settings.items() for word in ("--" + key, _word(value))]
     read = apply_overrides(read, words)
     if out is None:
         if isinstance(config, Config):

@@ -278,8 +278,8 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
                 )
             if (folder / "checkpoints").is_dir():
                 raise FileNotFoundError(
-                    f"{folder} is a run of train.py and not yet a model; read it with garment_jax.load, or "
-                    f"run garment-jax save {folder} --out MODEL first."
+                    f"{folder} is a run of train.py and not yet a model; run garment-jax save {folder} --out "
+                    "MODEL first, or read it with garment_jax.load."
                 )
             raise FileNotFoundError(
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
