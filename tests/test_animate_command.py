@@ -185,7 +185,7 @@ def test_what_does_not_fit_is_a_sentence_and_leaves_nothing(model: str, here: Pa
     shutil.copy(walk, here / "x" / "walk.bvh")
     before = names(here)
     assert "there is no model skrit" in refused(["skrit"], capsys)
-    assert "no such file" in refused([model, "run.bvh"], capsys)
+    assert "is not there" in refused([model, "run.bvh"], capsys)
     assert "--out a.xyz: its ending names no format; end it in .html, .glb" in refused(
         [model, "walk.bvh", "--out", "a.xyz"], capsys
     )

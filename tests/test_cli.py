@@ -34,7 +34,7 @@ def test_info_tells_of_a_model_and_of_what_else_can_be_read(tmp_path: Path, caps
     clip = write_clip(tmp_path / "clip.h5", 2)
     assert main(["info", "--json", "nowhere.h5", str(model), str(clip)]) == 2
     captured = capsys.readouterr()
-    assert captured.err.startswith("error: nowhere.h5: no such file")
+    assert captured.err.startswith("error: nowhere.h5 is not there")
     facts = json.loads(captured.out)
     assert facts[str(model)]["model"] == {
         "vertices": 128,
@@ -135,15 +135,16 @@ def test_render_writes_pictures_and_names_them(tmp_path: Path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["info", "nowhere.h5"], "no such file"),
-        (["import", "nowhere.h5", "--out", "out"], "no such file"),
-        (["evaluate", "nowhere.h5", "nowhere.h5"], "no such file"),
+        (["info", "nowhere.h5"], "is not there"),
+        (["import", "nowhere.h5", "--out", "out"], "is not there"),
+        (["evaluate", "nowhere.h5", "nowhere.h5"], "is not there"),
         (["evaluate", ".", "nowhere.h5"], "a file and a folder"),
+        (["render", ".", "--out", "o"], ". is a folder; give the path of an HDF5 file"),
         (["evaluate", ".", "."], "holds no predictions"),
-        (["render", "nowhere.h5", "--out", "o"], "no such file"),
+        (["render", "nowhere.h5", "--out", "o"], "is not there"),
         (["render", "a.h5", "b.h5", "c.h5", "--out", "o"], "not 3 paths"),
         (["info", "."], "neither a run nor a model"),
-        (["collide", "nowhere.h5", "--out", "o.h5"], "no such file"),
+        (["collide", "nowhere.h5", "--out", "o.h5"], "is not there"),
         (["collide", "a.h5", "--out", "./a.h5"], "a.h5 is what is read"),
         (["collide", "a.h5", "--out", "."], ". is a folder; name a sequence file"),
         (["collide", "a.h5", "--out", "o.obj"], "--out o.obj does not end in .h5"),

@@ -103,7 +103,7 @@ def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, c
     cut.write_bytes(Path(clip).read_bytes()[:3000])
     for words, sentence in (
         (["nowhere", "--motion", clip, "--out", out], "there is no model nowhere; name a folder, or"),
-        ([model, "--motion", "nowhere.h5", "--out", out], "no such file"),
+        ([model, "--motion", "nowhere.h5", "--out", out], "is not there"),
         ([model, "--motion", str(cut), "--out", out], "cut.h5"),
         ([model, "--motion", other, "--out", out], "112 vertices and the model was trained on 128"),
         ([model, "--motion", fast, "--out", out], "60 fps and the model was trained at 30"),
@@ -165,6 +165,9 @@ def test_train_refuses_what_it_is_asked(tmp_path: Path, config, monkeypatch, cap
         (["nowhere.toml"], "No configuration file 'nowhere.toml'"),
         ([str(broken)], "unknown key in [motion] 'grue'"),
         ([config, "--motion.grue", "3"], "Did you mean 'gru'?"),
+        ([config[:-7] + "tinny.toml"], "tiny.toml?"),
+        ([str(tmp_path)], "is a folder; name a configuration in it"),
+        ([config, "--detail.gru", "3"], "Did you mean 'motion.gru'?"),
         ([config, "--motion.gru", "wide"], "motion.gru = 'wide' must be a whole number"),
         (
             [config, "--stage", "sewing"],

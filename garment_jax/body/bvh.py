@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from garment_jax.body.joint_names import roles_of
 from garment_jax.body.skeleton_track import SkeletonTrack
+from garment_jax.storage.missing import not_a_file
 
 SHORTEST, LONGEST = 1e-4, 1.0  # seconds a frame; anything else is no motion capture
 LARGEST = 256 * 2**20  # bytes of a file: an hour of motion capture
@@ -39,7 +40,7 @@ def read_bvh(path: str | Path, *, root: str | None = None) -> SkeletonTrack:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; give a motion capture file (.bvh).")
+        raise not_a_file(path, "give a motion capture file (.bvh)")
     size = path.stat().st_size
     if size > LARGEST:
         raise ValueError(

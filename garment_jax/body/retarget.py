@@ -8,7 +8,7 @@ flat), the shortest arc for limbs, and a hand has its forearm's.
 """
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from garment_jax.body.rates import rate_of_frame_time
 from garment_jax.body.resample import between, sample_times, slerp
 from garment_jax.body.skeleton_track import SkeletonTrack, rest_positions, world_positions
 from garment_jax.body.up_axis import TO_Y, UpAxis, axis_name, leg_length, settle_up
+from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import Motion, RiggedBody
 
 _SAME_SIZE = 5e-3  # relative: legs this near are of one skeleton
@@ -39,7 +40,7 @@ def read_joint_table(path: str | Path) -> dict[str, str]:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f'{path}: no such file; give a TOML of lines like LeftLeg = "lShin".')
+        raise not_a_file(path, 'give a TOML of lines like LeftLeg = "lShin"')
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -64,12 +65,16 @@ def joint_table(
 ) -> dict[str, str]:
     """Return body joint -> file joint: by names (`joint_names`), or the user's table `joints`.
 
-    A table's file joints may stand without prefixes, and empty ones are left out. Joints without a source
-    follow their parents. Raises `ValueError` for joints that there are not, and for those that a motion
-    cannot do without, with a table to fill in.
+    A table's joints may stand without the prefixes of body or file, and empty ones are left out. Joints
+    without a source follow their parents. Raises `ValueError` for joints that there are not, and for those
+    that a motion cannot do without, with a table to fill in.
     """
     if joints is not None:
-        return {name: _in_file(source, track) for name, source in joints.items() if source}
+        return {
+            _called(name, body.joint_names): _called(source, track.joint_names)
+            for name, source in joints.items()
+            if source
+        }
     table = match_joints(track.joint_names, track.parents, body.joint_names, body.parents)
     missing = missing_joints(table, body.joint_names, body.parents)
     if missing:
@@ -81,10 +86,11 @@ def joint_table(
     return table
 
 
-def _in_file(name: str, track: SkeletonTrack) -> str:
-    if name in track.joint_names:
+def _called(name: str, known: Sequence[str]) -> str:
+    """Return the one of `known` that a name with or without prefix means; the name where none or several."""
+    if name in known:
         return name
-    plain = [known for known in track.joint_names if plain_name(known).lower() == plain_name(name).lower()]
+    plain = [other for other in known if plain_name(other).lower() == plain_name(name).lower()]
     return plain[0] if len(plain) == 1 else name
 
 

@@ -22,12 +22,22 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     missing file.
     """
     if not Path(path).is_file():
-        raise FileNotFoundError(f"No configuration file {str(path)!r}; the examples are in configs/.")
+        raise FileNotFoundError(_no_file(Path(path)))
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # ValueError: a number of thousands of digits, too
         raise ValueError(f"{path} is not valid TOML: {error}; correct that line.") from error
     return apply_overrides(from_dict(table, source=str(path)), overrides)
+
+
+def _no_file(path: Path) -> str:
+    """Return what is said of a configuration that is no file, with the one beside it that may be meant."""
+    if path.is_dir():
+        return f"{str(path)!r} is a folder; name a configuration in it, such as {path / 'skirt.toml'}."
+    beside = [str(other) for other in path.parent.glob("*.toml")]
+    near = difflib.get_close_matches(str(path), beside, n=1)
+    meant = f"did you mean {near[0]}?" if near else "the examples are in configs/."
+    return f"No configuration file {str(path)!r}; {meant}"
 
 
 def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") -> Config:
@@ -137,6 +147,11 @@ def refuse_unknown(names: Iterable[str], known: Iterable[str], *, kind: str, sou
     known = list(known)
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
+            near = difflib.get_close_matches(name, known, n=1) or elsewhere(name)
             hint = f" Did you mean {near[0]!r}?" if near else ""
             raise ValueError(f"{source}: unknown {kind} {name!r}; known are {', '.join(known)}.{hint}")
+
+
+def elsewhere(key: str) -> list[str]:
+    """Return SECTION.KEY of each section that has a key of this name."""
+    return [f"{name}.{key}" for name, kind in get_type_hints(Config).items() if key in get_type_hints(kind)]

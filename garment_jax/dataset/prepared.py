@@ -130,7 +130,8 @@ def training_clips(folder: str | Path, validation: List[str]) -> list[Path]:
         if not any(_is_named(path, [name]) for path in paths):
             raise ValueError(
                 f"data.validation names {name!r}, which {folder} does not hold; it has "
-                f"{', '.join(path.stem for path in paths)}."
+                f"{', '.join(path.stem for path in paths)}: name one of them with --data.validation, or none "
+                'with --data.validation "".'
             )
     if all(_is_named(path, validation) for path in paths):
         raise ValueError("data.validation names every clip; leave some to train on.")

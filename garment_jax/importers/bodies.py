@@ -14,6 +14,7 @@ from garment_jax.io.formats.smpl import is_smpl, read_smpl
 from garment_jax.io.npz import load_body
 from garment_jax.io.sequence import open_sequence
 from garment_jax.io.validation import LARGEST, SMALLEST
+from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import RiggedBody
 
 GLTF = (".glb", ".gltf")
@@ -50,7 +51,7 @@ def read_any_body(
     path = Path(path)
     suffix = path.suffix.lower()
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a rigged body ({', '.join(SUFFIXES)}).")
+        raise not_a_file(path, f"name a rigged body ({', '.join(SUFFIXES)})")
     if suffix not in SUFFIXES:
         raise ValueError(f"{path} is no rigged body that is known; give one of {', '.join(SUFFIXES)}.")
     smpl = suffix == ".pkl" or (suffix == ".npz" and is_smpl(path))

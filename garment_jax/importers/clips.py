@@ -22,6 +22,7 @@ from garment_jax.io.hdf5 import can_open
 from garment_jax.io.sequence import open_sequence
 from garment_jax.io.sequence_writer import SequenceWriter
 from garment_jax.storage.lock import lock_name, locked
+from garment_jax.storage.missing import not_a_file
 from garment_jax.storage.scratch import sweep, unmade
 
 _BLOCK = 2**20  # bytes hashed at once
@@ -176,7 +177,7 @@ def _content_hash(files: Sequence[Path], settings: str) -> str:
 
 def _hash_file(path: Path, digest) -> None:
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a file.")
+        raise not_a_file(path, "name a file")
     with path.open("rb") as file:
         while block := file.read(_BLOCK):
             digest.update(block)

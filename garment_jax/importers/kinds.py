@@ -147,4 +147,4 @@ def _members(path: Path) -> tuple[str, ...]:
 
 def _check_there(path: Path) -> None:
     if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file; name files or folders of clips.")
+        raise FileNotFoundError(f"{path} is not there; name files or folders of clips.")

@@ -27,6 +27,7 @@ from garment_jax.io.formats.smpl import standard_joints, standard_parents
 from garment_jax.io.formats.virtual_bones import is_virtual_bones, read_virtual_bones
 from garment_jax.io.formats.vto import is_vto, read_vto
 from garment_jax.io.sequence import open_sequence
+from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import Motion, RiggedBody
 
 UNIT = "--motion-unit"  # of every command that reads motions
@@ -79,7 +80,7 @@ def read_motion(
     """
     path, say = Path(path), say or (lambda _: None)
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a motion ({', '.join(SUFFIXES)}).")
+        raise not_a_file(path, f"name a motion ({', '.join(SUFFIXES)})")
     chosen = {"animation": animation, "motion-mesh": mesh, "motion-skeleton": skeleton}
     if path.suffix.lower() not in (".glb", ".gltf") and any(chosen.values()):
         option = next(name for name, value in chosen.items() if value)

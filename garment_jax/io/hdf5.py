@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from garment_jax.io.hdf5_inspection import inspect_hdf5, is_refusal
+from garment_jax.storage.missing import not_a_file
 
 # which of them a damaged file raises, and where, depends on the bytes that are gone
 _DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError)
@@ -25,7 +26,7 @@ def open_hdf5(path: Path) -> h5py.File:
     FileNotFoundError, OSError (damaged) or ValueError (what it refuses) say in one sentence why not.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; give the path of an HDF5 file (.h5).")
+        raise not_a_file(path, "give the path of an HDF5 file (.h5)")
     try:
         inspect_hdf5(path)
         return h5py.File(path, "r")

@@ -253,7 +253,7 @@ def other_skeleton(folder: Path) -> dict:
         (not_finite, "frame 5 is not finite; the rollout diverged"),
         (shorter_body, "has 4 frames at 30 fps and .* 18 at 30; give the body of the same frames"),
         (other_skeleton, "has other joints .* give a body with the same skeleton"),
-        (lambda _: {"path": "nowhere.h5"}, "nowhere.h5: no such file"),
+        (lambda _: {"path": "nowhere.h5"}, "nowhere.h5 is not there"),
         (lambda _: {"body": "nowhere.npz"}, "nowhere.npz"),
         (lambda _: {"eps": -0.001}, "--eps -1 mm is out of range; give 0 to 100 millimetres, such as 4"),
         (lambda _: {"eps": 4.0}, "--eps 4000 mm is out of range"),

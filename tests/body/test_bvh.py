@@ -235,5 +235,5 @@ def test_bytes_that_are_no_text_and_files_that_are_not_there_are_refused(tmp_pat
     path.write_bytes(np.random.default_rng(0).bytes(4000))
     with pytest.raises(ValueError, match="is not a BVH file"):
         read_bvh(path)
-    with pytest.raises(FileNotFoundError, match="no such file; give a motion capture file"):
+    with pytest.raises(FileNotFoundError, match="is not there; give a motion capture file"):
         read_bvh(tmp_path / "absent.bvh")

@@ -184,6 +184,13 @@ def test_both_sets_of_cmu_names_are_known():
     assert joint_table(prefixed, BODY)["LeftLeg"] == "rig:LSHIN"
 
 
+def test_a_table_of_plain_names_serves_a_body_whose_names_have_a_prefix():
+    body = BODY._replace(joint_names=tuple(f"mixamorig:{name}" for name in BODY.joint_names))
+    clip = source(t_pose(), MOTION.rotations, MOTION.root * 100)
+    assert joint_table(clip, body, {"LeftLeg": "LeftLeg"}) == {"mixamorig:LeftLeg": "LeftLeg"}
+    assert joint_table(clip, body)["mixamorig:LeftLeg"] == "LeftLeg"
+
+
 def test_an_own_table_may_leave_joints_to_their_parents(tmp_path):
     path = tmp_path / "joints.toml"
     path.write_text('Hips = "Hips"\nSpine1 = "Spine1"\nLeftUpLeg = "LeftUpLeg"\nLeftLeg = "LeftLeg"\n')
@@ -209,7 +216,7 @@ def test_an_own_table_may_leave_joints_to_their_parents(tmp_path):
     path.write_text("Hips = Hips\n")
     with pytest.raises(ValueError, match=r"joints\.toml is not valid TOML: .*; correct that line"):
         read_joint_table(path)
-    with pytest.raises(FileNotFoundError, match=r"no such file; give a TOML of lines like LeftLeg"):
+    with pytest.raises(FileNotFoundError, match=r"is not there; give a TOML of lines like LeftLeg"):
         read_joint_table(tmp_path / "absent.toml")
 
 

@@ -71,7 +71,7 @@ def test_names_are_sorted_as_people_count():
 
 
 def test_what_is_none_of_them_is_refused(case: Path, tmp_path: Path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.pc2: no such file; name files or folders"):
+    with pytest.raises(FileNotFoundError, match=r"gone\.pc2 is not there; name files or folders"):
         find_kind([tmp_path / "gone.pc2"])
     (tmp_path / "notes.txt").write_text("hello")
     with pytest.raises(ValueError, match=r"notes\.txt is of no format that is known; it reads packed clips"):

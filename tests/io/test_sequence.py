@@ -270,7 +270,7 @@ def test_other_files_are_refused_in_a_sentence(tmp_path: Path):
     (tmp_path / "text.h5").write_text("no clip")
     with pytest.raises(OSError, match="is damaged or no HDF5 file"):
         open_sequence(tmp_path / "text.h5")
-    with pytest.raises(FileNotFoundError, match="no such file"):
+    with pytest.raises(FileNotFoundError, match="is not there"):
         open_sequence(tmp_path / "nowhere.h5")
 
 

@@ -18,6 +18,7 @@ from garment_jax.body.rates import rate_of_frame_time, stated_rate
 from garment_jax.io.formats.blender import run_blender
 from garment_jax.io.formats.mesh_cache import Frames, MeshCache, choose_mesh
 from garment_jax.io.formats.polygon_fans import fan_corners
+from garment_jax.storage.missing import not_a_file
 
 _SCRIPT = Path(__file__).with_name("blender_alembic.py")
 _SAMPLING = struct.Struct("<IdI")  # most samples, seconds a cycle, number of times in a cycle
@@ -144,7 +145,7 @@ def read_timing(path: str | Path) -> Timing:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name an Alembic file.")
+        raise not_a_file(path, "name an Alembic file")
     with path.open("rb") as file:
         head = file.read(16)
         if head.startswith(b"\x89HDF"):

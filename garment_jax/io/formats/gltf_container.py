@@ -10,6 +10,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from garment_jax.storage.missing import not_a_file
+
 MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _LARGEST_JSON = 64 * 2**20  # bytes: a .gltf may carry its buffers in there as base64
 _MOST_PARTS = 1_500_000  # brackets and commas: each may become a Python object of 50 to 200 bytes
@@ -33,7 +35,7 @@ def open_gltf(path: str | Path) -> GltfFile:
     """
     path = Path(path)
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a .glb or .gltf file.")
+        raise not_a_file(path, "name a .glb or .gltf file")
     raw = _mapped(path)
     binary = bytes(raw[:4].tobytes()) == struct.pack("<I", MAGIC)
     if path.suffix.lower() == ".glb" and not binary:

@@ -8,6 +8,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from garment_jax.storage.missing import not_a_file
+
 LARGEST_ARCHIVE = 16 * 2**30  # bytes of a file
 LARGEST_ARRAYS = 2 * 2**30  # bytes of the arrays that are read of one file
 LONGEST_NUMBER = 64  # characters; what is longer was not written as a number
@@ -27,7 +29,7 @@ def check_size(path: Path, largest: int, what: str) -> int:
     `what` is what the user should name, with its article. Devices and pipes are no files: they may never end.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name {what}.")
+        raise not_a_file(path, f"name {what}")
     size = path.stat().st_size
     if size > largest:
         raise ValueError(

@@ -12,6 +12,7 @@ import numpy as np
 
 from garment_jax.body.rates import rate_of_times
 from garment_jax.io.formats.mesh_cache import Frames, MeshCache, check_length
+from garment_jax.storage.missing import not_a_file
 
 _HEADER = struct.Struct(">ii")
 
@@ -42,7 +43,7 @@ def read_mdd(path: str | Path) -> MeshCache:
 def read_mdd_header(path: Path) -> MddHeader:
     """Return the header, checked against the file's size before anything is read or reserved."""
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name an MDD file.")
+        raise not_a_file(path, "name an MDD file")
     size = path.stat().st_size
     with path.open("rb") as file:
         raw = file.read(_HEADER.size)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.io.formats.mesh_cache import MeshCache, check_length
+from garment_jax.storage.missing import not_a_file
 
 MAGIC = b"POINTCACHE2\0"
 _HEADER = struct.Struct("<12siiffi")
@@ -44,7 +45,7 @@ def read_pc2(path: str | Path) -> MeshCache:
 def read_pc2_header(path: Path) -> Pc2Header:
     """Return the header, checked against the file's size before anything is read or reserved."""
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a PC2 file.")
+        raise not_a_file(path, "name a PC2 file")
     with path.open("rb") as file:
         raw = file.read(_HEADER.size)
     if len(raw) < _HEADER.size or not raw.startswith(MAGIC):

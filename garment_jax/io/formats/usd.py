@@ -18,6 +18,7 @@ import numpy as np
 from garment_jax.io.formats.mesh_cache import Frames, MeshCache
 from garment_jax.io.formats.usd_library import load_pxr
 from garment_jax.io.formats.usd_stage import damaged
+from garment_jax.storage.missing import not_a_file
 
 _SECONDS = 600  # of the clock; damage can make the library wait for ever
 # the library's threads and numpy's take memory each; files are searched for in the stage's folder alone
@@ -65,7 +66,7 @@ def layer_files(path: Path) -> tuple[Path, ...]:
 def _ask(path: Path, folder: Path, job: dict[str, Any]) -> dict[str, Any]:
     """Return what the process answers, in which the library may crash, fill its memory or hang."""
     if not path.is_file():
-        raise FileNotFoundError(f"{path} is not there; name a USD file.")
+        raise not_a_file(path, "name a USD file")
     load_pxr()
     job |= {"path": os.fsencode(path.absolute()).hex()}
     (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
