@@ -1,6 +1,6 @@
 """The whole way: clips simulated, networks trained, a model saved and measured, in the minutes given."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +38,7 @@ from garment_jax.training.pipeline import train, trained_model
 
 CONFIG, CLIPS, RUN, PINS = "config.toml", "clips", "run", "pins.png"  # in the work folder
 FEWEST_CLIPS = 2  # to learn from
+CALIBRATING = 90.0  # seconds that compiling all stages takes, about; for the time left alone
 
 
 class Given(NamedTuple):
@@ -85,18 +86,11 @@ def learn(given: Given, out: Path, work: Path, wanted: Wanted, *, say: Say) -> L
         if file.plan.done and (out / FACTS).is_file():
             say(f"{out}: complete, nothing to do; see it move: garment-jax animate {out}")
             return None
-        if (out / FACTS).is_file() and not (file.plan.saved or wanted.force):
+        if (out / FACTS).is_file() and not (file.plan.trained or wanted.force):
             raise ValueError(f"--out {out} holds a model; --force replaces it, or name another --out.")
         file.decide()
         _show_pins(given.scene, work, say)
-        left = TimeLeft(
-            {
-                "simulate": shares.simulating,
-                "calibrate": 0.0,
-                "train": shares.training,
-                "measure": shares.measuring,
-            }
-        )
+        left = TimeLeft(_planned(shares, file.plan.seconds))
         with part_of_whole(left):
             return _Work(given, out, work, wanted, shares, file, left, say)()
 
@@ -123,9 +117,10 @@ class _Work:
         with self.file.timed("simulate"):
             test, clips = self._simulated()
         config = self._config(clips)
-        if not self.file.plan.saved:
+        if not self.file.plan.trained:
             with self.file.timed("train"):
                 train(config, self.work / RUN, data_dir=self.work / CLIPS)
+            self.file.decide(trained=True)
         self.left.begin("measure")
         with self.file.timed("measure"):
             return self._measured(test, clips)
@@ -221,12 +216,10 @@ class _Work:
     def _measured(self, test: Sequence[Path], clips: Sequence[Path]) -> Learnt:
         """Save the model, animate what was kept back, and write figures and picture."""
         scene, plan = self.given.scene, self.file.plan
-        if not plan.saved:
-            with open_sequence(test[0]) as clip:
-                sample = sample_of(clip)
-            model = trained_model(self.work / RUN)
-            save_model(model, self.out, sample=sample, picture=template_portrait(scene))
-            self.file.decide(saved=True)
+        with open_sequence(test[0]) as clip:
+            sample = sample_of(clip)
+        model = trained_model(self.work / RUN)
+        save_model(model, self.out, sample=sample, picture=template_portrait(scene))
         twice = " and their mirror images" if has_mirror_image(scene) else ""
         trained_on = f"{len(clips)} clips simulated for it, about {plan.frames} frames{twice}"
         figures, pages = measure(
@@ -236,6 +229,18 @@ class _Work:
         return Learnt(
             self.out, mean_of(figures, "rmse_cm"), mean_of(figures, "skinned_template_rmse_cm"), pages
         )
+
+
+def _planned(shares: Shares, taken: Mapping[str, float]) -> dict[str, float]:
+    """Return the seconds that the parts will take, less what earlier calls took of them."""
+    calibrating = min(CALIBRATING, 0.3 * shares.training)
+    planned = {
+        "simulate": shares.simulating,
+        "calibrate": calibrating,
+        "train": shares.training - calibrating,
+        "measure": shares.measuring,
+    }
+    return {part: max(seconds - taken.get(part, 0.0), 0.0) for part, seconds in planned.items()}
 
 
 def _asked(given: Given, wanted: Wanted) -> dict[str, str | float]:

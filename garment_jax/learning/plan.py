@@ -23,7 +23,7 @@ class Plan(NamedTuple):
     overhead_seconds: float | None = None  # of training, beside its steps
     steps: Mapping[str, int] | None = None
     seconds: Mapping[str, float] = {}  # that each part has taken, over all calls
-    saved: bool = False
+    trained: bool = False  # what is in --out from now on is ours
     done: bool = False
 
 

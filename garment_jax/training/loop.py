@@ -76,12 +76,15 @@ def run_stage(
     window: list[Mapping[str, Any]] = []
     batches = _prefetched(batch_at, done, steps)
     with _stop_signals() as signals, progress, contextlib.closing(batches):
+        progress.say("compiling")
         for step, batch in enumerate(batches, start=done + 1):
             state, metrics = step_fn(state, batch)
             window.append(metrics)
             stop = bool(signals)  # read once: a signal that comes later is seen after the next step
             last = step == steps
             at_log = _due(step, log_every, last or stop)
+            if step == done + 1 and not at_log:
+                progress.begin(step)  # which waited for its program
             if at_log:
                 means = watch.means(window, step)
                 logger.write(name, step, means, seconds=clock.total())
