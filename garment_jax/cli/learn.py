@@ -122,6 +122,7 @@ def _given(options: argparse.Namespace, work: Path) -> "Given":
     import garment_jax.simulation.engine  # noqa: F401  (raises where it is not installed)
     from garment_jax.importers.bodies import LoadedBody
     from garment_jax.importers.sources import Options
+    from garment_jax.learning.collider import proposed_collider
     from garment_jax.learning.learn import Given
     from garment_jax.learning.motions import Own, Recorded
     from garment_jax.procedural.made import check_count
@@ -146,6 +147,9 @@ def _given(options: argparse.Namespace, work: Path) -> "Given":
     else:
         dressed = own_scene(options)
         scene = dressed.scene
+        if scene.collider is None and (collider := proposed_collider(scene)) is not None:
+            scene = scene._replace(collider=collider)
+            print("the cloth touches trunk, legs and upper arms (--collider FILE chooses)", flush=True)
         check_rest_shape(scene.garment, flat, options.pattern or options.garment)
     if not options.motion:
         return Given(scene, flat, settings, Own(scene.body, work, fps=settings.fps, seed=options.seed))
