@@ -23,7 +23,12 @@ Lengths are metres, Y points up. What cannot be done is a `ValueError` or an `OS
 then nothing is written. The same from a shell: `garment-jax --help`.
 """
 
+import os
 from typing import TYPE_CHECKING, Any
+
+# XLA's notes on slow compilations and on its own caches (jax issue 38445) are long and say nothing to a user.
+# Its C++ reads this when jax is loaded.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 __version__ = "0.1.0"
 
@@ -56,9 +61,6 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    from garment_jax.api.xla_messages import hush_xla
-
-    hush_xla()
     return getattr(import_module(f"garment_jax.api.{_FILES[name]}"), name)
 
 

@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from garment_jax.api.xla_messages import hush_xla
-
 if TYPE_CHECKING:
     from garment_jax.animation.animate import Animator
     from garment_jax.animation.plan import ScenePlan
@@ -44,7 +42,6 @@ def open_model(model: str, *, lengths: bool = True) -> Opened:
 
     `lengths` off leaves edges as the networks have them. Raises `ValueError` or `OSError` in one sentence.
     """
-    hush_xla()
     from garment_jax.aot_cache import warm_start
     from garment_jax.model.shipped import find_model
 

@@ -3,8 +3,6 @@
 import argparse
 from pathlib import Path
 
-from garment_jax.api.xla_messages import hush_xla
-
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
@@ -25,7 +23,6 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    hush_xla()
     from garment_jax.animation.collide import collide_file, summary
     from garment_jax.aot_cache import warm_start
 

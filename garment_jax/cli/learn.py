@@ -66,9 +66,6 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     check_given(options)
     print(f"{options.out}: reading garment, body and motions", flush=True)
-    from garment_jax.api.xla_messages import hush_xla
-
-    hush_xla()
     from garment_jax.learning.budget import divide
     from garment_jax.learning.learn import Wanted, learn
 

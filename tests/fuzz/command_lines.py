@@ -23,9 +23,7 @@ def run_words(words: Sequence[str]) -> int:
 
 def share_programs(folder: Path) -> None:
     """Keep what jax compiles in `folder`, for all forks; call it before jax is imported."""
-    from garment_jax.api.xla_messages import hush_xla
-
-    hush_xla()
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as `import garment_jax` does
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ["GARMENT_JAX_CACHE"] = "off"  # it would be written to at every start; XLA's is read alone
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
