@@ -9,7 +9,9 @@ stays in the loops of the search (`surface_search`, `closest_point`, `ray_windin
 the descent and of the elastic energy, and in what the solver does in every frame.
 """
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -19,6 +21,16 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Shared = dict[tuple, tuple[Callable, list]]  # a function of its own, and what of its arguments is fixed in it
+
+
+class _Tracing(threading.local):
+    """The functions of the outermost call that this thread traces; None between such calls."""
+
+    shared: Shared | None = None
+
+
+_TRACING = _Tracing()
 
 
 def noinline(f: Callable[P, T]) -> Callable[P, T]:
@@ -26,6 +38,9 @@ def noinline(f: Callable[P, T]) -> Callable[P, T]:
 
     Its results are the same, up to rounding. What pays are pieces of up to eight operations after fusion, and
     calls of a few such pieces; each result passes through memory. Not traced, `f` is called as it is.
+
+    Within an outermost call, calls alike are traced once: half of the tracing of collision handling. They are
+    alike in the shapes of what is traced, and in all else the same objects or the same numbers.
     """
 
     @wraps(f)
@@ -42,10 +57,27 @@ def noinline(f: Callable[P, T]) -> Callable[P, T]:
                 return f(*again, **named)  # type: ignore[call-arg]
 
         within.__name__ = f.__name__
-        with set_xla_metadata(inlineable="false"):
-            return jax.jit(within)(*(leaves[i] for i in places))
+        jitted, fixed = jax.jit(within), [leaf for leaf in leaves if not isinstance(leaf, Tracer)]
+        with _shared() as shared, set_xla_metadata(inlineable="false"):
+            if not any(map(callable, fixed)):  # a function may hold what is traced
+                same = tuple(repr(x) if isinstance(x, bool | int | float) else id(x) for x in fixed)
+                jitted, _ = shared.setdefault((f, tree, tuple(places), same), (jitted, fixed))
+            return jitted(*(leaves[i] for i in places))
 
     return called
+
+
+@contextmanager
+def _shared() -> Iterator[Shared]:
+    """Give the functions of the outermost call; they go with it, and with them what they hold."""
+    if _TRACING.shared is not None:
+        yield _TRACING.shared
+        return
+    _TRACING.shared = {}
+    try:
+        yield _TRACING.shared
+    finally:
+        _TRACING.shared = None
 
 
 def fusion_barrier(x: T) -> T:

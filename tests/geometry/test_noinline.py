@@ -81,6 +81,29 @@ def test_without_a_trace_it_is_called_as_it_is():
     assert seen[0][1] == 3
 
 
+@on_a_cpu
+def test_calls_alike_are_traced_once_and_others_each():
+    traced = []
+
+    @noinline
+    def scaled(x, by, table):
+        traced.append(by)
+        return x * by + jnp.asarray(table)
+
+    @noinline
+    def outer(x):
+        one, other, rows = np.float32([1.0]), np.float32([1.0]), [(0.0, 1), (-0.0, 1), (0.0, 1), (1, 1)]
+        made = [scaled(x, by, one) for by, _ in rows]
+        return [*made, scaled(x, 0.0, other), scaled(jnp.concatenate([x, x]), 0.0, one)[:2]]
+
+    x = jnp.asarray([-1.0, 2.0])
+    for times in (1, 2):  # a second program shares nothing with the first
+        found = jax.jit(lambda x: outer(x))(x)
+        assert [str(by) for by in traced] == times * ["0.0", "-0.0", "1", "0.0", "0.0"]
+    np.testing.assert_array_equal(np.asarray(found)[3], x + 1)
+    np.testing.assert_array_equal(np.asarray(found)[[0, 1, 2, 4, 5]], np.ones((5, 2)))
+
+
 def test_its_derivatives_and_its_batches():
     f = noinline(lambda x, k: (k * x**3).sum())
     x = jnp.asarray([0.5, -1.0])

@@ -52,57 +52,46 @@ def sided(
     if len(tables.surface.border):
         return at, jnp.array(False)
     asked = asked & at.known
-    number = jax.lax.cond(
-        asked.sum() > MANY,
-        lambda: _numbers_by_speakers(at, asked, local, surface, tables),
-        lambda: _numbers(asked, at, local, surface, tables),
-    )
+    number = _numbers(asked, at, local, surface, tables)
     # by the winding numbers; on its sheet a vertex has none, there it is that of the sheet's outer side
     misled = asked & (number != (at.ds < -BESIDE))
     return _bounding(at, number, misled, local, surface, tables), misled.any()
 
 
 def _numbers(
-    wanted: Bool[Array, " m"],
+    asked: Bool[Array, " m"],
     at: Contacts,
     local: Float[Array, "3 m"],
     surface: PosedSurface,
     tables: CollisionTables,
 ) -> Int[Array, " m"]:
-    """Return the winding numbers around the vertices that are wanted, 0 of the others."""
+    """Return the winding numbers around the vertices `asked` for.
+
+    Where they are many, one vertex speaks for those of its group that are nearer to it than the surface.
+    """
+    itself = jnp.arange(len(asked), dtype=jnp.int32)
+    speaker, rays = jax.lax.cond(
+        asked.sum() > MANY, lambda: _speakers(at, asked, local, tables), lambda: (itself, asked)
+    )
 
     def chunk(here: Array, to: Array, number: Array) -> Array:
         point, direction, ds = at.point[:, here], at.direction[:, here], at.ds[here]
         start = jnp.where((jnp.abs(ds) > BESIDE)[None], local[:, here], point + BESIDE * direction)
         # ahead: away from the sheet
-        found = winding_by_ray(start, direction[2] >= 0, to < len(wanted), surface, tables.surface)
+        found = winding_by_ray(start, direction[2] >= 0, to < len(asked), surface, tables.surface)
         return number.at[to].set(found, mode="drop")
 
-    return in_chunks(wanted, chunk, jnp.zeros(len(wanted), jnp.int32), RAYS)
-
-
-def _numbers_by_speakers(
-    at: Contacts,
-    asked: Bool[Array, " m"],
-    local: Float[Array, "3 m"],
-    surface: PosedSurface,
-    tables: CollisionTables,
-) -> Int[Array, " m"]:
-    """Return the same, one vertex speaking for those of its group that are nearer to it than the surface."""
-    speaker, spoken = _speakers(at, asked, local, tables)
-    to = jnp.where(spoken & at.known[speaker], speaker, len(speaker))
-    speaks = scattered(jnp.zeros_like(spoken), jnp.array(True), to)
-    number = _numbers(speaks | (asked & ~spoken), at, local, surface, tables)
-    return jnp.where(spoken, number[speaker], number)
+    return in_chunks(rays, chunk, jnp.zeros(len(asked), jnp.int32), RAYS)[speaker]
 
 
 @noinline
 def _speakers(
     at: Contacts, asked: Bool[Array, " m"], local: Float[Array, "3 m"], tables: CollisionTables
 ) -> tuple[Array, Array]:
-    """Return the vertex of each one's group that is farthest from the surface, and whether it speaks for it.
+    """Return whose winding number is each one's, and the vertices that are looked at.
 
-    What nobody has found within a distance is outside, and farther.
+    That is the vertex of its group that is farthest from the surface, where that is farther than from here
+    to there, and else itself. What nobody has found within a distance is outside, and farther.
     """
     room = jnp.where(at.known, jnp.abs(at.ds), jnp.maximum(at.ds, 0.0))
     groups = jnp.asarray(tables.groups.T)
@@ -110,7 +99,10 @@ def _speakers(
     farthest = groups.T.reshape(-1)[first + groups.shape[0] * jnp.arange(groups.shape[1], dtype=jnp.int32)]
     speaker = farthest[jnp.asarray(tables.group)]
     away = local - fusion_barrier(local)[:, speaker]
-    return speaker, asked & (dot(away, away) < jnp.square(SURE * room[speaker]))
+    spoken = asked & (dot(away, away) < jnp.square(SURE * room[speaker]))
+    to = jnp.where(spoken & at.known[speaker], speaker, len(speaker))
+    rays = scattered(asked & ~spoken, jnp.array(True), to)
+    return jnp.where(spoken, speaker, jnp.arange(len(speaker), dtype=jnp.int32)), rays
 
 
 class _Wider(NamedTuple):
