@@ -85,6 +85,7 @@ def test_help_is_a_page_with_an_example_of_everything():
     text = pydoc.render_doc(gj, renderer=pydoc.plaintext)
     assert 'model = gj.load("skirt")' in text
     assert "_FILES" not in text
+    assert "__getattr__" not in text
     for name in gj.__all__:
         assert f"\n    {name}(" in text
         doc = inspect.getdoc(getattr(gj, name))
