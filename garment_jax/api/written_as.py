@@ -44,6 +44,8 @@ def check_able(formats: set[str], shape: Shape) -> None:
         from garment_jax.evaluation.film import check_height
 
         check_height(shape.height)
+    if shape.every is not None and shape.every < 1:
+        raise ValueError(f"--every {shape.every} is too small; give 1 (every frame) or more.")
     if shape.every is not None and formats != {"glb"}:
         raise ValueError(f"--every {shape.every} is for .glb, whose frames are morph targets; leave it out.")
     meshes = formats & {"glb", "usd", "abc", "pc2", "mdd", "obj", "npz"}

@@ -15,25 +15,25 @@ from garment_jax.api.written_as import NEXT, Shape, check_able
 from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.pairs import LeftOut
+from garment_jax.cli.parser import add_command
 
 if TYPE_CHECKING:
     from garment_jax.importers.sources import Options
 
-EXAMPLES = """examples:
-  garment-jax animate skirt                            its sample motion, as a page
+EXAMPLES = """  garment-jax animate skirt                            its sample motion, as a page
   garment-jax animate skirt walk.bvh --out walk.glb    for Blender; also .usdc .abc .pc2 .mdd .mp4 ...
   garment-jax animate skirt moves/ --out made/ --format usd"""
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "animate",
-        help="animate a model's garment on motions: a page, a film, or a file for other programs",
+        does="animate a model's garment on motions: a page, a film, or a file for other programs",
         description="Motions (BVH, glTF, AMASS, AIST++, sequence files) are put on the model's body, at its "
         "frame rate, and the garment follows.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        examples=EXAMPLES,
     )
     parser.add_argument("model", help="a shipped model's name (see garment-jax models), a model or a run")
     parser.add_argument(

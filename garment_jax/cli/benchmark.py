@@ -4,10 +4,19 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax benchmark configs/benchmark.toml --data data/mine --quick"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("benchmark", help="train, roll out and measure every method; one report")
+    parser = add_command(
+        commands,
+        "benchmark",
+        does="train, roll out and measure every method; one report",
+        examples=EXAMPLES,
+    )
     parser.add_argument("config", type=Path, help="benchmark, e.g. configs/benchmark.toml")
     parser.add_argument("--data", type=Path, help="folder with train/ and test/ (default: the file's)")
     parser.add_argument("--out", type=Path, help="folder for runs, results and report (default: the file's)")

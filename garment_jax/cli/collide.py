@@ -3,12 +3,24 @@
 import argparse
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax collide mine.h5 --out better.h5
+  garment-jax collide mine.h5 --eps 2 --whole-body"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("collide", help="push a finished sequence's garment out of the body")
+    parser = add_command(
+        commands,
+        "collide",
+        does="push a finished sequence's garment out of the body",
+        examples=EXAMPLES,
+    )
     parser.add_argument("sequence", type=Path, help="sequence file, predicted or any other")
-    parser.add_argument("--out", required=True, type=Path, help="sequence file to write")
+    parser.add_argument(
+        "--out", type=Path, help="sequence file to write (default: SEQUENCE's name + _collided.h5, here)"
+    )
     parser.add_argument(
         "--body", type=Path, help="take the body of another sequence file, or a rigged body (.npz)"
     )
@@ -26,16 +38,18 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.animation.collide import collide_file, summary
     from garment_jax.aot_cache import warm_start
 
+    out = options.out or Path(f"{options.sequence.stem}_collided.h5")
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}
     settings |= {"limbs": False} if options.no_limbs else {}
     report = collide_file(
         options.sequence,
-        options.out,
+        out,
         body=options.body,
         whole_body=options.whole_body,
         store=warm_start().store,
         **settings,
     )
     first, *further = summary(report)
-    print("\n".join([f"{options.out}: {first}", *further]))
+    print("\n".join([f"{out}: {first}", *further]))
+    print(f"next: garment-jax view {options.sequence} {out}, or export {out}")

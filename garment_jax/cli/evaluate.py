@@ -7,12 +7,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from garment_jax.cli.pairs import LeftOut, pair_files
+from garment_jax.cli.parser import add_command
 from garment_jax.progress import FrameProgress
+
+EXAMPLES = """  garment-jax evaluate pred.h5 truth.h5
+  garment-jax evaluate pred/ data/test --every 10 --out figures.json"""
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("evaluate", help="measure predictions against the truth")
+    parser = add_command(
+        commands,
+        "evaluate",
+        does="measure predictions against the truth",
+        examples=EXAMPLES,
+    )
     parser.add_argument("pred", type=Path, help="predicted sequence file, or a folder of them")
     parser.add_argument("truth", type=Path, help="simulated sequence file, or a folder with the same names")
     parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")

@@ -3,17 +3,33 @@
 import argparse
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
 from garment_jax.progress import FrameProgress
 
+EXAMPLES = """  garment-jax export pred.h5 --out pred.usdc
+  garment-jax export pred.h5 --format pc2
+  garment-jax export models/skirt --format onnx --clip walk.h5 --out step.onnx"""
+
+
+ENDINGS = {"usd": ".usdc", "obj": "_obj"}  # of a name that is made here; of others the format's own
 FORMATS = ("usd", "glb", "pc2", "mdd", "obj", "npz", "abc", "onnx")  # as export.command
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("export", help="write a sequence for other programs, or a model as ONNX")
+    parser = add_command(
+        commands,
+        "export",
+        does="write a sequence for other programs, or a model as ONNX",
+        examples=EXAMPLES,
+    )
     parser.add_argument("source", type=Path, help="sequence file (for onnx: a run or a model folder)")
-    parser.add_argument("--out", required=True, type=Path, help="file to write (obj: a folder)")
-    parser.add_argument("--format", choices=FORMATS, help="default: by the ending of --out")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="file, of obj a folder (default: SOURCE's name with the format's ending)",
+    )
+    parser.add_argument("--format", choices=FORMATS, help="default: by the ending of --out; glb without it")
     parser.add_argument("--unit", choices=("m", "cm", "mm"), help="unit of length (default m)")
     parser.add_argument("--up", choices=("Y", "Z"), help="axis that points upwards (default Y)")
     parser.add_argument("--fps", type=float, help="rate to write instead of the clip's; nothing is resampled")
@@ -35,6 +51,11 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.exporters.command import choose_format, export_file
 
     given = _given(options)
+    if options.out is None:
+        options.format = options.format or "glb"
+        options.out = Path(
+            f"{options.source.resolve().stem}{ENDINGS.get(options.format, f'.{options.format}')}"
+        )
     if choose_format(options.out, options.format) == "onnx":
         return _run_onnx(options, given)
     if options.source.is_dir():

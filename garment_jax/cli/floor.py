@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from garment_jax.cli.parser import add_command
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -13,10 +15,17 @@ if TYPE_CHECKING:
 
 PER_FRAME = "rmse_cm_per_frame"
 
+EXAMPLES = """  garment-jax floor data/mine/test/jump.h5 --start 100 --frames 60"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("floor", help="how far two simulations of the same frames differ")
+    parser = add_command(
+        commands,
+        "floor",
+        does="how far two simulations of the same frames differ",
+        examples=EXAMPLES,
+    )
     parser.add_argument("clips", type=Path, nargs="+", metavar="clip", help="simulated sequence file")
     parser.add_argument("--start", type=int, default=100, help="frame of the restart (default 100)")
     parser.add_argument("--frames", type=int, help="how many to simulate (default: to the end)")

@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from garment_jax.cli.parser import add_command
+
 PARTS = ("garment", "body", "motion", "clip")  # each has a unit and an up axis
 MOVED = ("body", "motion")  # what may hold several skeletons
 
@@ -24,23 +26,34 @@ FOREIGN = (
         "skip",
         "rest_frame",
         "floor",
+        "keep_height",
     ),
     *("unwrap", "fit_uv", "drop_duplicates", "test", "animation", "mesh", "skeleton"),
     *(f"{part}_{what}" for part in PARTS for what in ("unit", "up")),
     *(f"{part}_{what}" for part in MOVED for what in ("mesh", "skeleton")),
 )
 
+EXAMPLES = """  garment-jax import cloth/*.abc --garment skirt.obj --body me.glb --motion moves --clip-unit cm
+  garment-jax import walk.bvh --garment skirt.obj --body me.glb --fps 30 --out moves"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "import",
-        help="turn clips and motions of other programs into sequence files",
+        examples=EXAMPLES,
+        does="turn clips and motions of other programs into sequence files",
         description="Packed clips, vto-dataset and VirtualBones simulations, animated meshes (PC2, MDD, USD, "
         "Alembic, folders of OBJ or PLY) and motions (BVH, AMASS, AIST++, glTF) become OUT/train/NAME.h5.",
     )
     parser.add_argument("paths", nargs="+", type=Path, help="clips, or folders of them")
-    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/<train|test>/<name>.h5")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("data/imported"),
+        help="folder for OUT/<train|test>/<name>.h5 (default data/imported)",
+    )
     parser.add_argument(
         "--format",
         default="auto",
@@ -86,7 +99,10 @@ def add(commands) -> None:
     parser.add_argument(
         "--rest-frame", type=int, help="frame of motions that is a T- or A-pose: their rest pose"
     )
-    parser.add_argument("--floor", action="store_true", help="lift motions so that the feet are on the floor")
+    parser.add_argument(
+        "--keep-height", action="store_true", help="do not lift the feet of motions to the floor"
+    )
+    parser.add_argument("--floor", action="store_true", help=argparse.SUPPRESS)  # what is done anyway
     parser.add_argument("--unwrap", action="store_true", help="make UVs for a garment without (extra unwrap)")
     parser.add_argument("--fit-uv", action="store_true", help="scale UVs in metres or on tiles into 0 … 1")
     parser.add_argument("--drop-duplicates", action="store_true", help="leave out faces that occur twice")
@@ -140,7 +156,7 @@ def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
         joints=options.joints,
         skip=options.skip,
         rest_frame=options.rest_frame,
-        floor=options.floor,
+        floor=options.floor or (kind == "motion" and not options.keep_height),
         unwrap=options.unwrap,
         fit_uv=options.fit_uv,
         drop_duplicates=options.drop_duplicates,

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.own_scene import Dressed, add_scene_options, own_motions, own_scene
+from garment_jax.cli.parser import add_command
 from garment_jax.cli.train import GOES_ON
 
 if TYPE_CHECKING:
     from garment_jax.learning.learn import Given
 
-EXAMPLES = """examples:
+EXAMPLES = """\
   garment-jax learn --body me.glb --garment skirt.obj --motion moves/ --minutes 60 --out models/mine
   garment-jax learn dress --minutes 10 --out models/dress2    the package's own mannequin and motions"""
 MOST_WORKERS = 8  # each holds half a gigabyte
@@ -25,18 +26,18 @@ _OWN = ("garment", "body", "collider", "betas", "body_unit", "body_up", "body_me
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "learn",
-        help="make a model of a garment on a body, within the minutes given (extra sim)",
+        does="make a model of a garment on a body, within the minutes given (extra sim)",
         description="Simulates clips, keeps some back, trains every stage, measures on what was kept back, "
         "and saves a model's folder. Stopped at any point, the same command goes on.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        examples=EXAMPLES,
     )
     parser.add_argument(
         "embedded", nargs="?", choices=GARMENTS, help="a garment of the package, on its mannequin"
     )
-    parser.add_argument("--out", required=True, type=Path, help="folder of the model")
+    parser.add_argument("--out", type=Path, help="folder of the model (default: models/GARMENT)")
     parser.add_argument("--minutes", type=float, default=30.0, help="how long it may take (default 30)")
     parser.add_argument("--work", type=Path, help="folder of what is half done (default: OUT.work)")
     parser.add_argument("--force", action="store_true", help="replace a model that is in --out")
@@ -65,6 +66,8 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     check_given(options)
+    if options.out is None:
+        options.out = Path("models") / (options.embedded or options.garment.stem)
     print(f"{options.out}: reading garment, body and motions", flush=True)
     from garment_jax.learning.budget import divide
     from garment_jax.learning.learn import Wanted, learn

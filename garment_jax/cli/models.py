@@ -5,12 +5,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+from garment_jax.cli.parser import add_command
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "models",
-        help="list the models that come with the package",
+        examples="  garment-jax models",
+        does="list the models that come with the package",
         description="What `garment-jax animate NAME` takes. RMSE is the mean over the test clips of "
         "figures.json, ms a frame that of variants.json, on the machines named there.",
     )

@@ -4,14 +4,25 @@ import argparse
 from pathlib import Path
 
 from garment_jax.cli.pairs import LeftOut, pair_files
+from garment_jax.cli.parser import add_command
 from garment_jax.progress import FrameProgress
+
+EXAMPLES = """  garment-jax render pred.h5 truth.h5 --out pictures
+  garment-jax render walk.h5 --animation --seconds 4"""
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("render", help="draw contact sheets, error maps and short films")
+    parser = add_command(
+        commands,
+        "render",
+        does="draw contact sheets, error maps and short films",
+        examples=EXAMPLES,
+    )
     parser.add_argument("paths", nargs="+", type=Path, help="a file; or PRED TRUTH, files or folders")
-    parser.add_argument("--out", required=True, type=Path, help="folder for the pictures")
+    parser.add_argument(
+        "--out", default=Path("pictures"), type=Path, help="folder for the pictures (default pictures)"
+    )
     parser.add_argument("--frames", type=int, default=6, help="columns of the contact sheet (default 6)")
     parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")

@@ -5,14 +5,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from garment_jax.cli.parser import add_command
+
 if TYPE_CHECKING:
     from garment_jax.model.scene_file import Sample
     from garment_jax.model.store import Model
 
+EXAMPLES = """  garment-jax save runs/mine --out models/mine
+  garment-jax save runs/mine runs/other --out models/mean    the mean of their parameters"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("save", help="save a run's newest parameters as a model to ship")
+    parser = add_command(
+        commands,
+        "save",
+        does="save a run's newest parameters as a model to ship",
+        examples=EXAMPLES,
+    )
     parser.add_argument(
         "runs",
         type=Path,
@@ -20,7 +30,7 @@ def add(commands) -> None:
         metavar="RUN",
         help="folder that train.py wrote; of several, and of a model that they began from, the mean is saved",
     )
-    parser.add_argument("--out", required=True, type=Path, help="folder of the model, e.g. models/skirt")
+    parser.add_argument("--out", type=Path, help="folder of the model (default: models/ and the run's name)")
     parser.add_argument("--bits", type=int, choices=(16, 32), default=16, help="of each parameter")
     parser.add_argument(
         "--scene",
@@ -40,6 +50,8 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.model.store import save_model
     from garment_jax.training.pipeline import trained_model
 
+    if options.out is None:
+        options.out = Path("models") / options.runs[0].resolve().name
     measured = [name for name in MEASURED if (options.out / name).is_file()]
     model = mean_model([trained_model(run) for run in options.runs], list(map(str, options.runs)))
     sample = _sample(options.scene, options.runs, model)

@@ -1,6 +1,7 @@
 """`garment-jax simulate`: make clips to train on with a cloth engine."""
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.own_scene import add_scene_options, own_motions, own_scene
+from garment_jax.cli.parser import add_command
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,10 +17,21 @@ if TYPE_CHECKING:
     from garment_jax.simulation.settings import ClothSettings
     from garment_jax.structs import Scene
 
+EXAMPLES = {
+    "files": "  garment-jax simulate files --body me.glb --garment skirt.obj --motion moves/ --out data/mine",
+    "varied": "  garment-jax simulate varied data/mine --copies 2 --out data/more",
+    "embedded": "  garment-jax simulate embedded skirt --workers 2",
+}
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("simulate", help="make clips to train on with a cloth engine (extra sim)")
+    parser = add_command(
+        commands,
+        "simulate",
+        does="make clips to train on with a cloth engine (extra sim)",
+        examples="\n".join(EXAMPLES.values()),
+    )
     ways = parser.add_subparsers(
         title="where garment, body and motions come from", metavar="WAY", required=True
     )
@@ -30,7 +43,7 @@ def add(commands) -> None:
 def _shared(*, pattern: bool = True) -> argparse.ArgumentParser:
     """Return what all ways have; `pattern`: for a garment that does not bring its flat pattern along."""
     parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--out", required=True, type=Path, help="folder for OUT/train and OUT/test")
+    parser.add_argument("--out", type=Path, help="folder for OUT/train and OUT/test (default: data/GARMENT)")
     parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
     parser.add_argument(
         "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
@@ -47,8 +60,12 @@ def _shared(*, pattern: bool = True) -> argparse.ArgumentParser:
 
 
 def _add_embedded(ways, shared: argparse.ArgumentParser) -> None:
-    parser = ways.add_parser(
-        "embedded", parents=[shared], help="a garment, the mannequin and motions that the package makes"
+    parser = add_command(
+        ways,
+        "embedded",
+        parents=[shared],
+        does="a garment, the mannequin and motions that the package makes",
+        examples=EXAMPLES["embedded"],
     )
     parser.add_argument("garment", choices=GARMENTS, help="the garment")
     parser.add_argument("--vertices", type=int, default=900, help="of the garment, about (default 900)")
@@ -58,8 +75,12 @@ def _add_embedded(ways, shared: argparse.ArgumentParser) -> None:
 
 
 def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
-    parser = ways.add_parser(
-        "varied", parents=[shared], help="the cloth of clips in varied motions of theirs"
+    parser = add_command(
+        ways,
+        "varied",
+        parents=[shared],
+        does="the cloth of clips in varied motions of theirs",
+        examples=EXAMPLES["varied"],
     )
     parser.add_argument(
         "clips", nargs="+", type=Path, metavar="CLIP", help="training clip, or a folder of them"
@@ -87,7 +108,13 @@ def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
 
 
 def _add_files(ways, shared: argparse.ArgumentParser) -> None:
-    parser = ways.add_parser("files", parents=[shared], help="a garment, a body and motions of your own")
+    parser = add_command(
+        ways,
+        "files",
+        parents=[shared],
+        does="a garment, a body and motions of your own",
+        examples=EXAMPLES["files"],
+    )
     add_scene_options(parser, required=True)
     parser.add_argument(
         "--motion", required=True, nargs="+", type=Path, help="BVH, AMASS, AIST++, glTF, … or folders of them"
@@ -174,10 +201,12 @@ def _simulate(
     """Simulate the clips and say how many there are; `ValueError` names those that were left out."""
     from garment_jax.simulation.clips import AT_ONCE, simulate_clips
 
+    out = options.out or Path("data") / Path(getattr(options, "garment", "varied")).stem
+    print(f"simulate: {len(jobs)} clips -> {out}", file=sys.stderr, flush=True)
     outcomes = simulate_clips(
         scene,
         jobs,
-        options.out,
+        out,
         settings,
         flat=flat,
         workers=options.workers,
@@ -186,7 +215,8 @@ def _simulate(
         progress=partial(print, flush=True),
     )
     kept = [outcome for outcome in outcomes if outcome.path is not None]
-    print(f"{options.out}: {len(kept)} of {len(outcomes) + len(left_out)} clips")
+    print(f"{out}: {len(kept)} of {len(outcomes) + len(left_out)} clips")
     left_out += [outcome.job for outcome in outcomes if outcome.path is None]
     if left_out:
         raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
+    print(f"next: garment-jax train CONFIG.toml --data {out}, or look: garment-jax validate {out}")

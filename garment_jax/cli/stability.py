@@ -5,11 +5,20 @@ from functools import partial
 from pathlib import Path
 
 from garment_jax.cli.choices import GARMENTS
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax stability models/skirt --clips data/mine/test --out runs/stability
+  garment-jax stability --garment dress --only skinning"""
 
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("stability", help="check stiff and extreme cases on a garment and a model")
+    parser = add_command(
+        commands,
+        "stability",
+        does="check stiff and extreme cases on a garment and a model",
+        examples=EXAMPLES,
+    )
     parser.add_argument("run_dir", nargs="?", type=Path, metavar="RUN", help="run or model, for its rollouts")
     parser.add_argument("--garment", choices=GARMENTS, help="an embedded garment (default skirt)")
     parser.add_argument(

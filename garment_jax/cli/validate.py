@@ -4,10 +4,21 @@ import argparse
 import json
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax validate data/mine
+  garment-jax validate me.glb skirt.obj moves/ --all
+  garment-jax validate body.npz --fix --out fixed"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("validate", help="say what is wrong with clips, garments, bodies, motions")
+    parser = add_command(
+        commands,
+        "validate",
+        does="say what is wrong with clips, garments, bodies, motions",
+        examples=EXAMPLES,
+    )
     parser.add_argument(
         "paths", nargs="+", type=Path, help="files of any kind that is read, or folders of them"
     )

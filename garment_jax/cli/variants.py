@@ -4,11 +4,19 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax variants models/mine --validation data/mine/train/walk.h5 --errors
+  garment-jax variants models/mine --validation data/mine/train/walk.h5 --times"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser(
-        "variants", help="measure a saved model's cheaper variants, for infer.py --budget-ms"
+    parser = add_command(
+        commands,
+        "variants",
+        does="measure a saved model's cheaper variants, for infer.py --budget-ms",
+        examples=EXAMPLES,
     )
     parser.add_argument("model", type=Path, metavar="MODEL", help="saved model; its variants.json is written")
     parser.add_argument("--validation", nargs="+", type=Path, required=True, help="clips that choose")

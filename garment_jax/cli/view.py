@@ -4,12 +4,22 @@ import argparse
 import sys
 from pathlib import Path
 
+from garment_jax.cli.parser import add_command
+
+EXAMPLES = """  garment-jax view pred.h5 truth.h5 --out page.html    both, and the error in colours
+  garment-jax view walk.h5                              walk.html"""
+
 
 def add(commands) -> None:
     """Add the command to the subparsers."""
-    parser = commands.add_parser("view", help="make a web page that plays sequence files")
+    parser = add_command(
+        commands,
+        "view",
+        does="make a web page that plays sequence files",
+        examples=EXAMPLES,
+    )
     parser.add_argument("paths", nargs="+", type=Path, help="sequence files of one garment on one motion")
-    parser.add_argument("--out", required=True, type=Path, help="the page, one HTML file")
+    parser.add_argument("--out", type=Path, help="the page, one HTML file (default: the first file's name)")
     parser.add_argument(
         "--truth", type=Path, help="which file errors are measured against (default: the last simulated one)"
     )
@@ -27,10 +37,11 @@ def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.viewer.command import view_files
 
+    out = options.out or Path(f"{options.paths[0].stem}.html")
     names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm")
     settings = {name: getattr(options, name) for name in names}
     written = view_files(
-        options.paths, options.out, body=not options.no_body, report=_report(sys.stderr.isatty()), **settings
+        options.paths, out, body=not options.no_body, report=_report(sys.stderr.isatty()), **settings
     )
     for note in written.notes:
         print(note)

@@ -11,6 +11,7 @@ import pytest
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.cli import main as garment_jax
+from garment_jax.importers.motions import read_motion
 from garment_jax.io.sequence import Sequence, open_sequence
 from tests.importers.glb_files import glb_parts, write_glb
 from tests.importers.good_files import FRAMES, MOTION, SCENE, V, write_all, write_pc2, write_usd
@@ -98,11 +99,35 @@ def test_motions_become_files_to_animate(case: Path, name: str):
     garment = ["--garment", "skirt/skirt.obj", "--fit-uv"] if smpl else ["--garment", "skirt.obj"]
     body = "smpl.pkl" if smpl else "me.glb"
     words = [name, *garment, "--body", body, "--fps", "30", "--test", Path(name).stem, "--out", "clips"]
-    assert garment_jax(["import", *words]) == 0
+    assert garment_jax(["import", *words, "--keep-height"]) == 0
     with open_sequence(f"clips/test/{Path(name).stem}.h5") as clip:
         assert (clip.attributes["kind"], clip.encoding, clip.fps) == ("motion", "none", 30.0)
         if name in ("me.glb", "amass.npz"):  # a BVH begins at x = z = 0, AIST++ has 60 fps
             check_body(clip, 2e-3)
+
+
+def test_the_feet_of_motions_are_lifted_to_the_floor_as_simulate_lifts_them(case: Path):
+    lifted = []
+    for out, words in (("lifted", []), ("kept", ["--keep-height"])):
+        words = [
+            "walk.bvh",
+            "--garment",
+            "skirt.obj",
+            "--body",
+            "me.glb",
+            "--fps",
+            "30",
+            *words,
+            "--out",
+            out,
+        ]
+        assert garment_jax(["import", *words]) == 0
+        with open_sequence(f"{out}/train/walk.h5") as clip:
+            lifted.append(clip.motion.root)
+            body = clip.scene.body
+    simulated = read_motion(case / "walk.bvh", body, fps=30.0, floor=True)
+    np.testing.assert_allclose(lifted[0], simulated.root, atol=1e-6)
+    assert np.abs(lifted[0] - lifted[1]).max() > 0.01
 
 
 def test_a_body_of_vertices_alone_gets_a_rig(case: Path, capsys):
@@ -301,7 +326,20 @@ def test_a_body_and_motion_that_stand_z_up_are_turned(case: Path, words: list[st
     motion = MOTION._replace(rotations=turn @ MOTION.rotations @ turn.T, root=MOTION.root @ turn.T)
     write_glb(case / "z.glb", body, motion)
     assert (
-        garment_jax(["import", "z.glb", "--garment", "skirt.obj", "--body", "z.glb", *words, "--out", "c"])
+        garment_jax(
+            [
+                "import",
+                "z.glb",
+                "--garment",
+                "skirt.obj",
+                "--body",
+                "z.glb",
+                "--keep-height",
+                *words,
+                "--out",
+                "c",
+            ]
+        )
         == 0
     )
     with open_sequence("c/train/z.h5") as clip:
