@@ -1,7 +1,6 @@
 """`garment-jax simulate`: make clips to train on with a cloth engine."""
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -202,7 +201,7 @@ def _simulate(
     from garment_jax.simulation.clips import AT_ONCE, simulate_clips
 
     out = options.out or Path("data") / Path(getattr(options, "garment", "varied")).stem
-    print(f"simulate: {len(jobs)} clips -> {out}", file=sys.stderr, flush=True)
+    print(f"{len(jobs)} clips -> {out}", flush=True)
     outcomes = simulate_clips(
         scene,
         jobs,

@@ -59,7 +59,7 @@ def write_two(path: Path, names: tuple[str | None, str | None], *, alone: bool =
 @pytest.mark.parametrize("names", [("walk", "run"), (None, None)])
 def test_an_animation_is_chosen(case: Path, capsys, names, alone: bool):
     write_two(case / "two.glb", names, alone=alone)
-    words = ["import", "two.glb", "--garment", "skirt.obj", "--body", "me.glb", "--out"]
+    words = ["import", "two.glb", "--garment", "skirt.obj", "--body", "me.glb", "--keep-height", "--out"]
     assert garment_jax([*words, "c"]) == 2
     listed = re.search(r"choose one with (--animation) NAME: (.+)\.\n", capsys.readouterr().err)
     assert listed is not None
