@@ -2,6 +2,7 @@
 # make test            set up .venv, check style and types, run all tests
 # make skirt DATA=DIR  the whole way: import, train, roll out, evaluate, render
 # make judge MODEL=DIR  the last three of these, for any trained model
+# make docs-check      run the commands of README and docs, on small files
 # make check-speed     ratios of times within one run against their bounds, on an idle machine
 # make setup lint format lock clean viewer
 # PYTHON=python3.12 selects the interpreter that .venv is made with.
@@ -20,7 +21,7 @@ OPTIMISED := tests/geometry/test_bitset.py tests/postprocess/collision/test_cont
 PREDICTIONS = $(RUN)/test
 MODEL ?= models/skirt
 
-.PHONY: demo test skirt judge check-speed setup lint format lock clean viewer
+.PHONY: demo test skirt judge docs-check check-speed setup lint format lock clean viewer
 
 # The first target: what `make` alone does. Interrupted at any point, it goes on where it was.
 demo: setup
@@ -77,6 +78,9 @@ judge: setup
 	done
 	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json
 	$(BIN)/garment-jax render $(PREDICTIONS) $(IMPORTED)/test --out $(RUN)/pictures
+
+docs-check: setup
+	$(BIN)/python -m tests.docs_check.run
 
 check-speed: setup
 	$(BIN)/python benchmarks/regressions.py

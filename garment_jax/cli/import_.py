@@ -202,7 +202,7 @@ def _chosen(options: argparse.Namespace, what: str, kind: str) -> dict[str, str]
     }
     for part in MOVED:
         named = [path for path in files[part] if path is not None]
-        able = any(path.is_dir() or path.suffix.lower() in (".glb", ".gltf") for path in named)
+        able = any(path.is_dir() or path.suffix.lower() in (".glb", ".gltf", ".fbx") for path in named)
         if said[part] is None and able:
             said[part] = everywhere
     if everywhere is not None and everywhere not in said.values():

@@ -36,7 +36,7 @@ def add_scene_options(parser: argparse._ActionsContainer, *, required: bool) -> 
         "--drop-duplicates", action="store_true", default=None, help="leave out faces that occur twice"
     )
     parser.add_argument(
-        "--body", required=required, type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf"
+        "--body", required=required, type=Path, help="rigged body: .npz, SMPL .npz or .pkl, .glb, .gltf, .fbx"
     )
     parser.add_argument("--betas", nargs="+", type=float, help="shape of a SMPL body")
     parser.add_argument("--body-unit", help="of the body's file: m, cm, mm, in or metres per unit")

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from garment_jax.body.joint_names import side_pairs
 from garment_jax.importers.units import metres_per_unit, to_metres_y_up
 from garment_jax.io.formats.damage import reads_foreign
+from garment_jax.io.formats.fbx import reads_fbx
 from garment_jax.io.formats.gltf import read_body
 from garment_jax.io.formats.smpl import is_smpl, read_smpl
 from garment_jax.io.npz import load_body
@@ -18,7 +19,7 @@ from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import RiggedBody
 
 GLTF = (".glb", ".gltf")
-SUFFIXES = (".npz", ".pkl", *GLTF, ".h5")
+SUFFIXES = (".npz", ".pkl", *GLTF, ".fbx", ".h5")
 _FACING = 0.5  # part of the distance between left and right joints that must be along +X
 
 
@@ -30,6 +31,7 @@ class LoadedBody(NamedTuple):
     notes: tuple[str, ...]  # what the user is to know, a phrase each
 
 
+@reads_fbx
 @reads_foreign
 def read_any_body(
     path: str | Path,
@@ -41,7 +43,7 @@ def read_any_body(
     skeleton: str | None = None,
     part: str = "",
 ) -> LoadedBody:
-    """Read a rigged body: our `.npz`, a sequence file's, SMPL's `.npz` or `.pkl`, or glTF's.
+    """Read a rigged body: our `.npz`, a sequence file's, SMPL's `.npz` or `.pkl`, glTF's or FBX's.
 
     `betas` `[k]` is the shape of a SMPL body. `unit` (metres per unit, or "cm") and `up` ("Y", "Z") are for
     files that are not as their formats say; `mesh`, `skeleton` and `part` as in `formats.gltf.read_body`.

@@ -10,7 +10,7 @@ from garment_jax.io.formats.npz import npz_names
 KINDS = ("packed", "vto", "virtualbones", "meshes", "motion")
 CACHES = (".pc2", ".mdd", ".usd", ".usda", ".usdc", ".usdz", ".abc")
 MESHES = (".obj", ".ply")
-MOTIONS = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".h5")
+MOTIONS = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".fbx", ".h5")
 _SUFFIXES = {"packed": (".h5",), "vto": (".pkl",), "virtualbones": (".npz",), "motion": MOTIONS}
 _WORDS = {
     "packed": "packed clips (.h5)",

@@ -19,6 +19,7 @@ from garment_jax.importers.units import metres_per_unit, settle_unit
 from garment_jax.io.formats.aist import is_aist, read_aist
 from garment_jax.io.formats.amass import is_amass, read_amass
 from garment_jax.io.formats.damage import reads_foreign
+from garment_jax.io.formats.fbx import reads_fbx
 from garment_jax.io.formats.gltf import read_animation
 from garment_jax.io.formats.npz import npz_names
 from garment_jax.io.formats.pickles import load_pickle
@@ -31,7 +32,7 @@ from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import Motion, RiggedBody
 
 UNIT = "--motion-unit"  # of every command that reads motions
-SUFFIXES = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".h5")
+SUFFIXES = (".bvh", ".npz", ".pkl", ".glb", ".gltf", ".fbx", ".h5")
 Say = Callable[[str], None]
 
 
@@ -44,6 +45,7 @@ class FoundTrack(NamedTuple):
     metres: float | None  # per unit of the track; None: by the legs' lengths alone
 
 
+@reads_fbx
 @reads_foreign
 def read_motion(
     path: str | Path,
@@ -67,14 +69,15 @@ def read_motion(
 ) -> Motion:
     """Read a motion of `body` at `fps` (the file's own rate by default): rotations float32, root float64.
 
-    BVH, AMASS and VirtualBones `.npz`, AIST++ and vto-dataset `.pkl`, glTF, or a sequence file. `source_fps`:
-    the file's true rate, where it does not say or lies. `joints`: body joint -> file joint (by names without
-    it). `skip`: frames to drop at the beginning. `floor` lifts the whole motion by one constant: in the
-    median frame the lowest joint is as high as in the canonical pose. `centre` begins a BVH at x = z = 0, the
-    others stay where they are. `rest_frame`: the frame in which the file's skeleton stands in a T- or A-pose,
-    where its rest pose does not. `unit` and `up` replace what the format says; `rest_up` is the axis that was
-    up in the body's file: a glTF motion turns its joints from that rest pose, and has that axis without `up`.
-    `origin` `[3]`: the body file's own origin (`LoadedBody.origin`), from which SMPL's translations count.
+    BVH, AMASS and VirtualBones `.npz`, AIST++ and vto-dataset `.pkl`, glTF, FBX, or a sequence file.
+    `source_fps`: the file's true rate, where it does not say or lies. `joints`: body joint -> file joint (by
+    names without it). `skip`: frames to drop at the beginning. `floor` lifts the whole motion by one
+    constant: in the median frame the lowest joint is as high as in the canonical pose. `centre` begins a BVH
+    at x = z = 0, the others stay where they are. `rest_frame`: the frame in which the file's skeleton stands
+    in a T- or A-pose, where its rest pose does not. `unit` and `up` replace what the format says; `rest_up`
+    is the axis that was up in the body's file: a glTF motion turns its joints from that rest pose, and has
+    that axis without `up`. `origin` `[3]`: the body file's own origin (`LoadedBody.origin`), from which
+    SMPL's translations count.
     `animation`, `mesh` and `skeleton` choose of a glTF that holds several (`formats.gltf.read_animation`).
     `say` takes what was decided for the user. Raises `FileNotFoundError`, `OSError` or `ValueError`, by file.
     """

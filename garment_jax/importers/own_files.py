@@ -218,7 +218,7 @@ def list_motions(options: Options) -> list[Path]:
     """
     body = options.body
     if not options.motions:
-        if body is not None and body.suffix.lower() in (".glb", ".gltf"):
+        if body is not None and body.suffix.lower() in (".glb", ".gltf", ".fbx"):
             return [body]
         raise ValueError("--motion is not given; name the motions of the clips, by the clips' names.")
     readable = CACHES if body is not None and body.suffix.lower() in MESHES else SUFFIXES
