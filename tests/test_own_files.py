@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main as garment_jax
+from garment_jax.cli import make_parser
+from garment_jax.cli.own_scene import own_scene
 from tests.animation.tiny_model import SCENE
 from tests.reference.files import write_body, write_bvh, write_obj
 from tests.reference.scene import make_motion
@@ -155,3 +157,14 @@ def test_a_bad_file_is_refused_by_name_before_anything_is_simulated(
 
 def no_drape(*_, **__):
     raise AssertionError("draped before the input was checked")
+
+
+def test_a_garment_in_centimetres_with_z_up_is_the_garment(tmp_path: Path) -> None:
+    x, y, z = SCENE.garment.template.T
+    turned = SCENE.garment._replace(template=100 * np.stack([x, -z, y], axis=-1))
+    write_obj(tmp_path / "skirt.obj", turned)
+    write_body(tmp_path / "me.npz", BODY)
+    files = ["--garment", str(tmp_path / "skirt.obj"), "--body", str(tmp_path / "me.npz"), "--motion", "m"]
+    words = ["simulate", "files", *files, "--out", "x", "--garment-unit", "cm", "--garment-up", "Z"]
+    scene = own_scene(make_parser().parse_args(words)).scene
+    np.testing.assert_allclose(scene.garment.template, SCENE.garment.template, atol=2e-6)

@@ -24,8 +24,12 @@ class Dressed(NamedTuple):
 def add_scene_options(parser: argparse._ActionsContainer, *, required: bool) -> None:
     """Add the options to a parser or to a group of one."""
     parser.add_argument(
-        "--garment", required=required, type=Path, help="template on the canonical body, OBJ with UVs, metres"
+        "--garment", required=required, type=Path, help="template on the canonical body, an OBJ with UVs"
     )
+    parser.add_argument(
+        "--garment-unit", help="of the garment's file: m, cm, mm, in or metres per unit (default m)"
+    )
+    parser.add_argument("--garment-up", choices=("Y", "Z"), help="up axis of the garment's file (default Y)")
     parser.add_argument(
         "--unwrap", action="store_true", default=None, help="make the garment's UVs anew (extra unwrap)"
     )
@@ -57,6 +61,7 @@ def own_scene(options: argparse.Namespace) -> Dressed:
     from garment_jax.importers.garment_mesh import load_garment
     from garment_jax.importers.own_files import check_on_body, is_same, of_one_file
     from garment_jax.importers.sources import Options
+    from garment_jax.importers.units import to_metres_y_up
     from garment_jax.io.scene_files import load_scene
     from garment_jax.simulation.command import check_collider
 
@@ -69,6 +74,7 @@ def own_scene(options: argparse.Namespace) -> Dressed:
     for note in notes:
         if note.severity != "ok":
             print(f"{note.severity}: {note.sentence(str(options.garment))}", flush=True)
+    given = to_metres_y_up(cloth.template, options.garment_unit or 1.0, options.garment_up or "Y")
     betas = None if options.betas is None else np.array(options.betas)
     said = Options(
         unit={part: unit for part in ("body", "motion") if (unit := getattr(options, f"{part}_unit"))},
@@ -85,7 +91,7 @@ def own_scene(options: argparse.Namespace) -> Dressed:
         skeleton=options.body_skeleton,
         part="body",
     )
-    cloth = cloth._replace(template=place_template(cloth.template, figure))
+    cloth = cloth._replace(template=place_template(given, figure))
     for note in figure.notes:
         print(f"{options.body}: {note}", flush=True)
     scene = load_scene(
@@ -96,7 +102,8 @@ def own_scene(options: argparse.Namespace) -> Dressed:
         cloth=cloth,
         rigged=figure.body,
     )
-    check_on_body(scene.garment.template, scene.body, options.garment, remedy="in metres and with Y up")
+    remedy = "in metres and with Y up, or say what it has: --garment-unit cm, --garment-up Z"
+    check_on_body(scene.garment.template, scene.body, options.garment, remedy=remedy)
     if scene.collider is not None:
         check_collider(scene.collider, options.collider)
     return Dressed(scene, figure, said)
