@@ -30,8 +30,12 @@ def add(commands) -> None:
         help="file, of obj a folder (default: SOURCE's name with the format's ending)",
     )
     parser.add_argument("--format", choices=FORMATS, help="default: by the ending of --out; glb without it")
-    parser.add_argument("--unit", choices=("m", "cm", "mm"), help="unit of length (default m)")
-    parser.add_argument("--up", choices=("Y", "Z"), help="axis that points upwards (default Y)")
+    parser.add_argument(
+        "--out-unit", "--unit", dest="unit", choices=("m", "cm", "mm"), help="unit of length (default m)"
+    )
+    parser.add_argument(
+        "--out-up", "--up", dest="up", choices=("Y", "Z"), help="axis that points upwards (default Y)"
+    )
     parser.add_argument("--fps", type=float, help="rate to write instead of the clip's; nothing is resampled")
     parser.add_argument("--frame-offset", type=int, metavar="N", help="number of the first frame (default 0)")
     parser.add_argument("--start", type=int, help="first frame of the clip to export (default 0)")

@@ -90,9 +90,9 @@ class ExportClip:
 
 def _check(sequence: Sequence, unit: str, up: str, fps: float, start: int, stop: int) -> None:
     if unit not in UNITS:
-        raise ValueError(f"--unit {unit} is unknown; choose m, cm or mm.")
+        raise ValueError(f"--out-unit {unit} is unknown; choose m, cm or mm.")
     if up not in ("Y", "Z"):
-        raise ValueError(f"--up {up} is unknown; choose Y or Z.")
+        raise ValueError(f"--out-up {up} is unknown; choose Y or Z.")
     if not 0 < fps < 10_000:
         raise ValueError(f"--fps {fps:g} is out of range; give frames a second, such as 30.")
     if not 0 <= start < stop <= sequence.frames:
