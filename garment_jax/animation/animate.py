@@ -25,7 +25,7 @@ from garment_jax.io.content_hash import rollout_hash
 from garment_jax.io.overwrite_checks import check_animation_out
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.io.sequence_writer import DEFAULT_SCALE, INT16_REACH, SequenceWriter
-from garment_jax.io.validation import check_input, check_motion
+from garment_jax.io.validation import check_input, check_poses
 from garment_jax.model.misfit import check_parameters
 from garment_jax.model.store import Model, check_rate, facts_of, template_for, without_column_rnn
 from garment_jax.postprocess.figures import per_frame_columns
@@ -54,7 +54,7 @@ def animate(
     What comes after the networks is in `postprocess.pipeline`. Raises `ValueError` for a garment or a frame
     rate that the model was not trained on, a joint that the body lacks, or a motion that is not finite.
     """
-    check_motion(motion, name, joints=scene.body.joint_names)
+    check_poses(motion, name, joints=scene.body.joint_names)
     run = make_animator(model, scene, detail=detail, collision=collision, name=name)
     yield from run(motion, preroll=preroll, name=name)
 

@@ -101,6 +101,17 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
 
 def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
     """Raise ValueError if rotations are none, the root is nowhere or jumps; `joints` are their names."""
+    check_poses(motion, name, joints=joints)
+    speed = np.linalg.norm(np.diff(motion.root, axis=0), axis=1) * motion.fps
+    if len(speed) and speed.max() > FASTEST:
+        raise ValueError(
+            f"{name}: the root moves at {speed.max():.4g} m/s in frame {int(speed.argmax()) + 1}; check for "
+            "centimetres, a wrong fps or a jump, and convert or cut it."
+        )
+
+
+def check_poses(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
+    """Raise ValueError if rotations are none or the root is nowhere; any speed is taken."""
     for _, frames in stretches(len(motion.root)):
         R = motion.rotations[frames].astype(np.float64)
         error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
@@ -119,12 +130,6 @@ def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
         raise ValueError(
             f"{name}: the root of frame {frame} is at {np.asarray(motion.root[frame]).tolist()}; export the "
             "motion again."
-        )
-    speed = np.linalg.norm(np.diff(motion.root, axis=0), axis=1) * motion.fps
-    if len(speed) and speed.max() > FASTEST:
-        raise ValueError(
-            f"{name}: the root moves at {speed.max():.4g} m/s in frame {int(speed.argmax()) + 1}; check for "
-            "centimetres, a wrong fps or a jump, and convert or cut it."
         )
 
 

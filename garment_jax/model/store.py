@@ -17,7 +17,7 @@ from garment_jax.dataset.start import make_start
 from garment_jax.dataset.template import SeenBody, Statistics, Template, read_seen_body, scene_template
 from garment_jax.io.content_hash import garment_hash, mesh_hash
 from garment_jax.io.formats.npz import npz_names, read_npz
-from garment_jax.io.validation import FPS_TOLERANCE, check_motion, check_same_garment
+from garment_jax.io.validation import FPS_TOLERANCE, check_poses, check_same_garment
 from garment_jax.model.folder import (
     FACTS,
     PICTURE,
@@ -137,7 +137,7 @@ def model_input(model: Model, scene: Scene, template: Template, seeds: Seeds, mo
     Seeds are posed in frame 0 alone. Raises `ValueError` for a joint that the body lacks, and for a motion
     that is not finite.
     """
-    check_motion(motion, "the motion", joints=scene.body.joint_names)
+    check_poses(motion, "the motion", joints=scene.body.joint_names)
     inputs = motion_input(motion, scene, seeds, model.config.body.motion_joints, seed_frames=1)
     if template.ring is None:
         return inputs

@@ -199,6 +199,6 @@ def test_pickled_objects_are_refused_by_array(tmp_path: Path):
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path):
-    for path in (tmp_path / "no.npz", tmp_path):
-        with pytest.raises(FileNotFoundError, match=r"is not there; name an \.npz file"):
+    for path, what in ((tmp_path / "no.npz", "is not there"), (tmp_path, "is a folder")):
+        with pytest.raises(OSError, match=rf"{what}; name an \.npz file"):
             read_arrays(path, ("flat",))
