@@ -60,9 +60,9 @@ def test_another_unit_and_axis_are_converted(tmp_path: Path):
 def test_what_is_no_body_is_refused(tmp_path: Path):
     with pytest.raises(FileNotFoundError, match=r"no\.npz is not there; name a rigged body"):
         read_any_body(tmp_path / "no.npz")
-    (tmp_path / "me.fbx").write_text("")
-    with pytest.raises(ValueError, match=r"me\.fbx is no rigged body that is known; give one of \.npz"):
-        read_any_body(tmp_path / "me.fbx")
+    (tmp_path / "me.dae").write_text("")
+    with pytest.raises(ValueError, match=r"me\.dae is no rigged body that is known; give one of \.npz"):
+        read_any_body(tmp_path / "me.dae")
     with pytest.raises(ValueError, match="is no SMPL body and has no betas; leave them out"):
         read_any_body(write_body(tmp_path / "me.npz", BODY), betas=np.ones(3))
 

@@ -295,9 +295,9 @@ def test_a_pickle_that_does_not_fit_is_refused_by_key(tmp_path: Path, smpl, case
 
 
 def test_what_is_no_motion_is_refused(tmp_path: Path, smpl):
-    (tmp_path / "a.fbx").write_text("")
-    with pytest.raises(ValueError, match=r"a\.fbx is no motion that is known; give one of \.bvh"):
-        read_motion(tmp_path / "a.fbx", smpl.body)
+    (tmp_path / "a.dae").write_text("")
+    with pytest.raises(ValueError, match=r"a\.dae is no motion that is known; give one of \.bvh"):
+        read_motion(tmp_path / "a.dae", smpl.body)
     with pytest.raises(FileNotFoundError, match=r"b\.npz is not there; name a motion"):
         read_motion(tmp_path / "b.npz", smpl.body)
     with pytest.raises(ValueError, match=r"model\.npz is no motion: it holds v_template"):
