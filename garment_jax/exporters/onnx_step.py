@@ -96,7 +96,7 @@ def _need(*packages: str) -> None:
         try:
             import_module(package)
         except ImportError as error:
-            raise ValueError(f"ONNX needs the package {package}; pip install -e '.[onnx]'.") from error
+            raise ValueError(f"ONNX needs the package {package}; pip install 'garment-jax[onnx]'.") from error
 
 
 def _step_graph(subject: StepSubject, detail: bool, opset: int) -> Any:

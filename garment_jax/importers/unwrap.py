@@ -16,7 +16,7 @@ def unwrap_garment(garment: Garment, name: str) -> Garment:
         import xatlas
     except ImportError as error:
         raise ValueError(
-            f"{name} cannot be unwrapped: xatlas is not installed; pip install -e '.[unwrap]'."
+            f"{name} cannot be unwrapped: xatlas is not installed; pip install 'garment-jax[unwrap]'."
         ) from error
     positions = np.ascontiguousarray(garment.template, np.float32)
     try:

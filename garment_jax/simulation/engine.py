@@ -32,6 +32,8 @@ try:
         wp.init()
     import newton
 except ImportError as error:
-    raise ValueError("the simulation needs newton, which is missing: pip install -e '.[sim]'.") from error
+    raise ValueError(
+        "the simulation needs newton, which is missing: pip install 'garment-jax[sim]'."
+    ) from error
 
 __all__ = ["newton", "wp"]

@@ -94,6 +94,6 @@ def _tensorboard_writer() -> Any:
         from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ValueError(
-            "TensorBoard was asked for but tensorboardX is missing; pip install -e '.[tensorboard]'."
+            "TensorBoard was asked for but tensorboardX is missing; pip install 'garment-jax[tensorboard]'."
         ) from error
     return SummaryWriter

@@ -239,5 +239,5 @@ def test_what_does_not_fit_is_refused_in_a_sentence(folder: Path):
 
 def test_a_missing_package_names_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(ValueError, match=r"onnxruntime; pip install -e '\.\[onnx\]'"):
+    with pytest.raises(ValueError, match=r"onnxruntime; pip install 'garment-jax\[onnx\]'"):
         export_step(folder / "tiny", folder / "a.onnx", clip=folder / "clip.h5")

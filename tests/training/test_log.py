@@ -44,5 +44,5 @@ def test_tensorboard_gets_the_same_values_when_asked(tmp_path: Path) -> None:
 
 def test_tensorboard_without_its_package_is_refused(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    with pytest.raises(ValueError, match=r"pip install -e '\.\[tensorboard\]'"):
+    with pytest.raises(ValueError, match=r"pip install 'garment-jax\[tensorboard\]'"):
         RunLog(tmp_path, tensorboard=True)

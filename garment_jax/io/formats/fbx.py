@@ -45,7 +45,9 @@ def _through_gltf(read: Callable[..., T], path: Path, glb: Path, given: tuple, o
         run_blender(_SCRIPT, [str(path.resolve()), str(glb)], seconds=_SECONDS)
         return read(glb, *given, **options)
     except FileNotFoundError as error:
-        raise FileNotFoundError(f"{path} is FBX: {error} Or give it as glTF (.glb).") from error
+        raise FileNotFoundError(
+            f"{path} is FBX: {str(error).rstrip('.')}; or give it as glTF (.glb)."
+        ) from error
     except (ValueError, OSError) as error:
         text = str(error).replace(str(glb), str(path))
         kind = ValueError if isinstance(error, ValueError) else OSError

@@ -10,6 +10,6 @@ def load_pxr() -> Any:
         from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdUtils, Vt  # noqa: F401 - loaded for pxr.X
     except ImportError as error:
         raise ValueError(
-            "USD files need Pixar's library; install it with `pip install -e '.[usd]'`."
+            "USD files need Pixar's library; install it with `pip install 'garment-jax[usd]'`."
         ) from error
     return pxr

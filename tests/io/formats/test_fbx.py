@@ -47,7 +47,7 @@ def test_what_is_said_of_it_has_its_name(walk: Path) -> None:
 def test_without_blender_a_sentence_says_how(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
     (tmp_path / "me.fbx").write_bytes(b"x")
-    with pytest.raises(FileNotFoundError, match=r"me\.fbx is FBX: .*Blender.* Or give it as glTF"):
+    with pytest.raises(FileNotFoundError, match=r"me\.fbx is FBX: .*Blender.* or give it as glTF"):
         read_any_body(tmp_path / "me.fbx")
 
 

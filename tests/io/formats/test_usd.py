@@ -158,5 +158,5 @@ def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
 
     make_stage(tmp_path / "a.usda")[0].Save()
     monkeypatch.setitem(sys.modules, "pxr", None)
-    with pytest.raises(ValueError, match=r"pip install -e '\.\[usd\]'"):
+    with pytest.raises(ValueError, match=r"pip install 'garment-jax\[usd\]'"):
         read_cache(tmp_path / "a.usda")
