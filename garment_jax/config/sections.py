@@ -15,9 +15,9 @@ _LOWER_BODY = ("LowerBack", "Spine", "LeftUpLeg", "LeftLeg", "RightUpLeg", "Righ
 
 @dataclass(frozen=True)
 class DataConfig:
-    dir: str = key("data", "folder of imported sequence files, with train/ and test/ inside")
-    validation: tuple[str, ...] = key((), "names of training clips kept for validation")
-    mirror: bool = key(True, "add the left-right mirrored clips (for a symmetric garment and body)")
+    dir: str = key("data", "folder of sequence files, with train/ and test/ inside")
+    validation: tuple[str, ...] = key((), "training clips kept for validation")
+    mirror: bool = key(True, "add mirrored clips (for a symmetric garment and body)")
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class BodyConfig:
     motion_joints: tuple[str, ...] = key(
         _LOWER_BODY, 'joints that the networks see; ["all"]: all but the root', shapes="network"
     )
-    seeds: int = key(64, "seed points on the body under the garment", "positive")
+    seeds: int = key(64, "seed points on the body", "positive")
     tau: float = key(0.2, "metres; length scale of the softmax skinning weights", "positive")
     skin_iterations: int = key(3, "fixed-point iterations of the inverse skinning", "positive")
 
@@ -43,33 +43,33 @@ class GenerativeConfig:
     latent_dim: int = key(128, "width of Z", "positive", shapes="network")
     part_dim: int = key(64, "width of z_s and of z_d", "positive", shapes="network")
     rec_hidden: tuple[int, ...] = key((256, 256), "hidden widths of D_rec", "positive", shapes="network")
-    rec_rank: int = key(96, "rank of D_rec's last layer; 0: full, as in the paper", shapes="network")
+    rec_rank: int = key(96, "rank of D_rec's last layer; 0: full, the paper's", shapes="network")
     decomposition: bool = key(
         True, "D_rec and D_dyn; false: one decoder of positions from Z", shapes="network", later=True
     )
-    instance_norm: bool = key(True, "normalise each channel of a map in the encoder", shapes="network")
+    instance_norm: bool = key(True, "normalise each channel in the encoder", shapes="network")
     map_statistics: bool = key(
         True, "give E_gen's dense layer the channel means and deviations", shapes="network"
     )
     skin_reach: float = key(
         0.0,
-        "metres; smoothing of the weights that remove the pose; 0: the root frame, as in the paper",
+        "metres; smoothing of the weights that remove the pose; 0: the paper's root frame",
         shapes="network",
         later=True,
     )
     linear_skip: bool = key(
-        True, "linear paths beside the networks, initialised from principal components", shapes="network"
+        True, "linear paths beside the networks, begun from principal components", shapes="network"
     )
     laplacian: Literal["uniform", "cotangent"] = key("uniform", "weights of the template's Laplacian")
-    norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm, or the paper's norm of the mesh")
-    input_noise: float = key(0.0, "metres; noise on E_gen's input vertices while training")
+    norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm or the paper's norm")
+    input_noise: float = key(0.0, "metres; noise on E_gen's input")
     lambda_laplacian: float = key(3.5, "weight of the Laplacian loss")
-    lambda_unposed: float = key(0.1, "weight of the loss on the unposed mesh")
-    lambda_template: float = key(0.05, "weight of the unposed mesh's distance from the template")
-    lambda_kl: float = key(1e-3, "weight of the Kullback-Leibler term")
+    lambda_unposed: float = key(0.1, "weight of the unposed loss")
+    lambda_template: float = key(0.05, "weight of the unposed distance from the template")
+    lambda_kl: float = key(1e-3, "weight of the KL term")
     steps: int = key(20_000, "batches")
     batch: int = key(56, "frames", "positive")
-    learning_rate: float = key(1e-4, "first rate of the schedule", "positive")
+    learning_rate: float = key(1e-4, "first rate", "positive")
     weight_decay: float = key(1e-3, "of the optimiser")
 
 
@@ -79,27 +79,27 @@ class MotionConfig:
     dense: int = key(256, "width of E_m's dense layer", shapes="network")
     channels: tuple[int, ...] = key((24, 48, 96, 128), "widths of E_s", "positive", shapes="network")
     state_dim: int = key(128, "width of E_s' garment vector", shapes="network")
-    state_hidden: int = key(256, "width of the hidden layer in E_s' pooled path", shapes="network")
-    dropout: float = key(0.0, "part of the motion features hidden from a lane for a window", "part")
-    motion_noise: float = key(0.0, "deviations; noise on the normalised motion while training")
-    state_noise: float = key(0.0, "metres; noise on the previous frame while training")
+    state_hidden: int = key(256, "hidden width of E_s' pooled path", shapes="network")
+    dropout: float = key(0.0, "part of the motion features hidden for a window", "part")
+    motion_noise: float = key(0.0, "deviations; noise on the motion")
+    state_noise: float = key(0.0, "metres; noise on the previous frame")
     from_first: float = key(0.4, "part of the lanes that start at a clip's first frame", "part")
     true_starts: float = key(
-        0.3, "part of the lanes that start from a true frame, the rest from the skinned template", "part"
+        0.3, "part that starts from a true frame within a clip, the rest from the skinned template", "part"
     )
-    grace: int = key(25, "frames after a skinned start within a clip whose error counts less")
-    lane_windows: int = key(8, "windows after which a lane starts anew", "positive")
-    norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm, or the paper's norm of the mesh")
+    grace: int = key(25, "frames after a skinned start whose error counts less")
+    lane_windows: int = key(8, "windows of a lane before it starts anew", "positive")
+    norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm or the paper's norm")
     previous_state: bool = key(True, "E_s on the map of the last frame; false: ablation", shapes="network")
     window: int = key(50, "frames of truncated back-propagation", "positive")
     lanes: int = key(8, "clips trained side by side", "positive")
     lambda_laplacian: float = key(1.5, "weight of the Laplacian loss")
     lambda_latent: float = key(0.5, "weight of the loss on latents")
-    warm_up_steps: int = key(1_500, "windows in the linearised latent space before the full loop; 0: none")
+    warm_up_steps: int = key(1_500, "windows in the linearised latent space, before the full loop; 0: none")
     warm_up_lanes: int = key(32, "clips side by side in the warm-up")
-    warm_up_rate: float = key(1e-3, "first rate of the warm-up's schedule")
+    warm_up_rate: float = key(1e-3, "first learning rate of the warm-up")
     steps: int = key(5_000, "windows")
-    learning_rate: float = key(1e-4, "first rate of the schedule", "positive")
+    learning_rate: float = key(1e-4, "first rate", "positive")
     weight_decay: float = key(1e-3, "of the optimiser")
 
 
@@ -109,21 +109,19 @@ class DetailConfig:
     code_features: tuple[int, ...] = key(
         (64, 32), "widths of the dense layers on Z", "positive", shapes="network"
     )
-    hidden: int = key(32, "width of a layer in which both meet; 0: none, as in the paper", shapes="network")
+    hidden: int = key(32, "width of a layer in which both meet; 0: none, the paper's", shapes="network")
     vertex_code: int = key(8, "width of a learned vector per vertex; 0: the paper's", shapes="network")
     channels: tuple[int, ...] = key(
         (16, 32, 64, 96), "widths of the discriminator's convolutions", "positive"
     )
     source: Literal["reconstruction", "rollout"] = key("reconstruction", "the frames it learns from")
-    wrinkle_map: bool = key(True, "the discriminator sees the Laplacian, too; false: the paper's")
+    wrinkle_map: bool = key(True, "the discriminator sees the Laplacian; false: the paper's")
     lambda_laplacian: float = key(1.0, "weight of the Laplacian loss")
-    lambda_folds: float = key(
-        0.0, "weight of the depth of folds by wavelength, beside L1 in cm; 0: the paper's"
-    )
-    lambda_adversarial: float = key(0.01, "weight of the score term beside L1 in cm; 0: no discriminator")
+    lambda_folds: float = key(0.0, "weight of the depth of folds by wavelength; 0: the paper's")
+    lambda_adversarial: float = key(0.01, "weight of the adversarial loss; 0: no discriminator")
     steps: int = key(3_000, "batches")
     batch: int = key(8, "frames", "positive")
-    learning_rate: float = key(2e-4, "first rate of the schedule", "positive")
+    learning_rate: float = key(2e-4, "first rate", "positive")
     weight_decay: float = key(1e-3, "of the optimiser")
 
 
@@ -138,21 +136,21 @@ class ColumnRnnConfig:
     width: int = key(128, "width of the layers between", "positive", shapes="network")
     around: int = key(5, "columns that a convolution sees, odd", "positive", shapes="network")
     layers: int = key(
-        0, "further convolutions before the recurrence, and as many after it", shapes="network", later=True
+        0, "further convolutions before the recurrence and after it", shapes="network", later=True
     )
     previous_state: bool = key(
-        True, "the cells of the last frame are seen; false: ablation", shapes="network", later=True
+        True, "the last frame's cells as input; false: ablation", shapes="network", later=True
     )
-    dropout: float = key(0.0, "part of the first layer hidden from a lane for a window", "part", later=True)
-    motion_noise: float = key(0.0, "noise on a column's view of the motion (of scale 1)", later=True)
-    noise: float = key(0.01, "metres; noise on true starts while training")
+    dropout: float = key(0.0, "part of the first layer hidden for a window", "part", later=True)
+    motion_noise: float = key(0.0, "noise on the input (of scale 1)", later=True)
+    noise: float = key(0.01, "metres; noise on true starts")
     window: int = key(30, "frames of truncated back-propagation", "positive")
     lanes: int = key(32, "clips trained side by side", "positive")
     from_first: float = key(
         0.5, "part of the lanes that start at a clip's first frame, the rest at a true one", "part"
     )
-    lane_windows: int = key(25, "windows after which a lane starts anew", "positive")
-    learning_rate: float = key(2e-3, "first rate of the schedule", "positive")
+    lane_windows: int = key(25, "windows of a lane before it starts anew", "positive")
+    learning_rate: float = key(2e-3, "first rate", "positive")
     weight_decay: float = key(1e-3, "of the optimiser")
 
 
@@ -160,10 +158,10 @@ class ColumnRnnConfig:
 class SimulationConfig:
     """Clips that are simulated to learn from, in place of the recorded ones, and never written."""
 
-    clips: int = key(0, "motions that are drawn out of the recorded ones and simulated; 0: those themselves")
+    clips: int = key(0, "motions drawn out of the recorded ones and simulated; 0: the recorded clips")
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
-    cloth: tuple[str, ...] = key((), 'as --cloth of `garment-jax simulate`, for example ["bend_bias=0.5"]')
-    pattern: str = key("", 'file of the flat pattern, as `simulate --pattern`; "": from the UVs')
+    cloth: tuple[str, ...] = key((), 'as `simulate --cloth`, such as ["bend_bias=0.5"]')
+    pattern: str = key("", 'as `simulate --pattern`; "": from the UVs')
     device: str = key("cpu", "cuda: many clips side by side on a GPU")
     at_once: int = key(128, "clips side by side there", "positive")
     workers: int = key(1, "processes", "positive", shapes="use")
@@ -174,7 +172,7 @@ class CollisionConfig:
     # at 1 mm knees show through between the vertices
     eps: float = key(4e-3, "metres; distance kept from the body", "positive")
     iterations: int = key(20, "projected-gradient steps at most")
-    tolerance: float = key(5e-4, "metres; smaller movements between two searches count as none")
+    tolerance: float = key(5e-4, "metres; smaller movements count as none")
     limbs: bool = key(True, "undo limb crossings")
 
 
@@ -182,50 +180,50 @@ class CollisionConfig:
 class BaselinesConfig:
     """The systems that ours is compared with (`garment_jax.baselines`); nothing here changes ours."""
 
-    inputs: Literal["own", "ours"] = key("own", "motion that the networks see: their papers', or all of ours")
+    inputs: Literal["own", "ours"] = key("own", "motion features of their papers, or ours")
     lanes: int = key(32, "clips trained side by side", "positive")
-    components: int = key(96, "principal components that the ridge regression predicts", "positive")
-    ridge: float = key(100.0, "the ridge's penalty, on motion and coefficients in deviations")
+    components: int = key(96, "principal components that the ridge predicts", "positive")
+    ridge: float = key(100.0, "the ridge's penalty")
     santesteban_gru: int = key(1_500, "width of the recurrent state")
     santesteban_steps: int = key(350, "windows")
-    santesteban_rate: float = key(1e-3, "first rate of the schedule")
+    santesteban_rate: float = key(1e-3, "first rate")
     bones: int = key(80, "virtual bones", "positive")
-    pan_gru: int = key(500, "width of the recurrent state that moves the bones")
+    pan_gru: int = key(500, "width of the recurrent state")
     pan_steps: int = key(1_200, "windows of the low-frequency part")
     pan_rate: float = key(1e-3, "its first rate")
-    pan_residual_gru: int = key(128, "width of the recurrent state of the high-frequency part")
+    pan_residual_gru: int = key(128, "width of its recurrent state")
     pan_residual_steps: int = key(600, "batches of the high-frequency part")
     pan_residual_rate: float = key(5e-4, "its first rate")
-    decoder_steps: int = key(450, "batches of the auto-encoder with one vertex decoder")
+    decoder_steps: int = key(450, "batches of the auto-encoder with one decoder")
     decoder_rate: float = key(3e-4, "its first rate")
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
     seed: int = key(0, "of parameters, batches and noise", "seed")
-    begin_from: str = key("", 'folder of a saved model to train on; "": fresh parameters', later=True)
+    begin_from: str = key("", 'saved model to start from; "": fresh parameters', later=True)
     optimiser: Literal["adamw", "adam_l2"] = key("adamw", "adam_l2: decay added to the gradient")
     clip_norm: float = key(1.0, "largest global gradient norm; 0: no clipping")
     schedule: Literal["constant", "cosine"] = key("cosine", "of the learning rates")
-    warmup: float = key(0.02, "part of the steps in which the rate rises from 0", "part")
-    final_rate: float = key(0.01, "cosine: last rate as a part of the first", "part")
+    warmup: float = key(0.02, "part of the steps in which the rate rises", "part")
+    final_rate: float = key(0.01, "last rate ÷ first", "part")
     average: float = key(
         0.0,
-        "last part of a stage's steps whose parameters are averaged; 0: the last step's",
+        "last part of the steps whose parameters are averaged; 0: none",
         "part",
         later=True,
     )
-    log_every: int = key(20, "steps between two lines of the log", "positive", shapes="use")
-    checkpoint_seconds: float = key(60.0, "seconds between two checkpoints", shapes="use")
-    validate_every: int = key(1_000, "steps between two validations; 0: never")
+    log_every: int = key(20, "steps between lines of the log", "positive", shapes="use")
+    checkpoint_seconds: float = key(60.0, "between checkpoints", shapes="use")
+    validate_every: int = key(1_000, "steps between validations; 0: never")
 
 
 @dataclass(frozen=True)
 class RolloutConfig:
     chunk: int = key(256, "frames per compiled piece", "positive")
-    lengths: bool = key(True, "bring edges back to their lengths, which blurred folds lose", later=True)
+    lengths: bool = key(True, "bring edges back to their lengths", later=True)
     column_rnn: float = key(
-        0.6, "part of the column RNN's correction that is applied", "part", later=True, was="swing"
+        0.6, "part of the column RNN's correction applied", "part", later=True, was="swing"
     )
     # a regression mean has less amplitude than any sample
     amplitude: float = key(
@@ -243,7 +241,7 @@ class RolloutConfig:
 @dataclass(frozen=True)
 class Config:
     data: DataConfig = section(DataConfig, "the clips")
-    body: BodyConfig = section(BodyConfig, "what is seen of the body, and skinning")
+    body: BodyConfig = section(BodyConfig, "motion features and skinning")
     uv: UvConfig = section(UvConfig, "UV maps")
     generative: GenerativeConfig = section(GenerativeConfig, "stage 1, the paper's section 3.2")
     motion: MotionConfig = section(MotionConfig, "stage 2, section 3.3")
