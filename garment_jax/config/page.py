@@ -15,26 +15,25 @@ line of `train.py` as `--SECTION.KEY VALUE`, lists with commas. Shown are the de
 range is refused with the range. A saved model is known by its keys with †; a resumed run may change
 those with ‡ alone. Written by `python -m garment_jax.config.page`.
 """
-_COLUMNS = "| key | meaning |\n|---|---|"
 _MARKS = {"network": "†", "training": "", "use": "‡"}
 
 
 def configuration_page() -> str:
-    """Return Markdown with a table of keys for each section."""
-    return "\n".join([_HEAD, *_tables()])
+    """Return Markdown with a list of keys for each section."""
+    return "\n".join([_HEAD, *_lists()])
 
 
-def _tables() -> Iterator[str]:
+def _lists() -> Iterator[str]:
     config = Config()
     for section in fields(Config):
         facts, values = metadata(section), getattr(config, section.name)
         hints = get_type_hints(type(values))
-        yield f"## [{section.name}]: {facts.help}\n\n{_COLUMNS}"
+        yield f"## [{section.name}]: {facts.help}\n"
         for field in fields(values):
             key, name = metadata(field), field.name
             mark = _MARKS[facts.shapes if facts.shapes == "use" else key.shapes]
             default = json.dumps(getattr(values, name))
-            yield f"| `{name} = {default}`{mark} | {_choices(hints[name])}{key.help} |"
+            yield f"- `{name} = {default}`{mark}: {_choices(hints[name])}{key.help}"
         yield ""
 
 

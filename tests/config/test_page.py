@@ -25,10 +25,10 @@ def test_every_key_says_what_it_is() -> None:
 def test_the_page_lists_the_keys_as_they_are() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert page == configuration_page(), "python -m garment_jax.config.page > docs/configuration.md"
-    assert "| `tau = 0.2` | metres; " in page
-    assert '| `norm = "cm2"` | `"cm2"` or `"plain"`: mean squared cm ' in page
-    assert "| `size = 64`† | " in page
-    assert "| `eps = 0.004`‡ | " in page
+    assert "- `tau = 0.2`: metres; " in page
+    assert '- `norm = "cm2"`: `"cm2"` or `"plain"`: mean squared cm ' in page
+    assert "- `size = 64`†: " in page
+    assert "- `eps = 0.004`‡: " in page
 
 
 @pytest.mark.parametrize("page", DOCUMENTS, ids=lambda page: page.name)
