@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from garment_jax.bench.records import Records, RowRecord
-from garment_jax.evaluation.colours import PREDICTION, TRUTH, heat, round_scale
+from garment_jax.evaluation.colours import PREDICTION, TRUTH, body_colours, heat, round_scale
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture, read_frames
@@ -60,12 +60,13 @@ def _methods_sheet(
         predicted = [_read(source, shown) for source in sources]
         bodies, root, yaw = body_at(truth, shown)
         framing = frame_clips(bodies, [true, *predicted], root, yaw, height=HEIGHT)
-        scene, heads = truth.scene, [f"{truth.name}, {f / truth.fps:.1f} s" for f in shown]
+        scene, skin = truth.scene, body_colours(truth.scene.body)
+        heads = [f"{truth.name}, {f / truth.fps:.1f} s" for f in shown]
 
     def draw(V: np.ndarray, colours: np.ndarray, k: int, lit: float = 1.0) -> np.ndarray:
         camera = camera_at(framing, root[k], float(yaw[k]), supersampling=2)
         body, faces = scene.body.faces, scene.garment.faces
-        return picture(bodies[k], body, V[k], faces, colours, camera, lit=lit, floor=framing.floor)
+        return picture(bodies[k], body, skin, V[k], faces, colours, camera, lit=lit, floor=framing.floor)
 
     errors = [vertex_distance(V, true) for V in predicted]
     end = round_scale(np.stack(errors))
@@ -105,7 +106,7 @@ def _latent_sheet(latent: dict[str, Any], clip: Path, folder: Path) -> Path:
     flat = shapes.reshape(-1, *shapes.shape[2:])
     zero = np.zeros((len(flat), 3))
     framing = frame_clips(flat, [flat], zero, zero[:, 0], height=HEIGHT * 2 // 3, follow=False)
-    none = np.zeros((0, 3)), np.zeros((0, 3), int)
+    none = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
 
     def draw(V: np.ndarray, end: bool) -> np.ndarray:
         camera = camera_at(framing, zero[0], 0.0, supersampling=2)

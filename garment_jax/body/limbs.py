@@ -29,9 +29,9 @@ def limbs_of(body: RiggedBody, collider: Collider) -> Limbs:
     joints, parents = body.joints.astype(np.float64), np.asarray(body.parents)
     height = float(np.ptp(body.vertices.astype(np.float64), axis=0).max())
     beside = _beside(joints, parents, SHORTEST * height)
+    trunk = joints_before_forks(joints, parents, height)
     surface = collider_points(collider, body.vertices.astype(np.float64))
     inside = winding_number(joints, surface, collider.faces) > 0.5
-    trunk = _trunk(joints, parents, beside, LIMB * height)
     weights = body.skin_weights[collider.body_vertices]
     found: list[tuple[int, int, float]] = []
     for j in range(1, len(joints)):
@@ -63,17 +63,19 @@ def _beside(joints: np.ndarray, parents: np.ndarray, near: float) -> np.ndarray:
     return found
 
 
-def _trunk(joints: np.ndarray, parents: np.ndarray, beside: np.ndarray, limb: float) -> np.ndarray:
-    """Return which joints are part of the trunk: those at or before a fork of limbs, `[j]`.
+def joints_before_forks(joints: np.ndarray, parents: np.ndarray, height: float) -> np.ndarray:
+    """Return which joints are at or before a fork of limbs, `[j]`: the trunk's.
 
-    A limb is at least `limb` metres long; joints `beside` another bone are none.
+    `joints` `[j, 3]` and `height` of the body in metres. A limb is at least `LIMB` of the height long; joints
+    beside another bone of their parent's are none.
     """
+    beside = _beside(joints, parents, SHORTEST * height)
     n = len(joints)
     reach, long = np.zeros(n), np.zeros(n, int)  # metres to the farthest tip; chains that are limbs
     for j in (j for j in range(n - 1, 0, -1) if not beside[j]):
         p = int(parents[j])
         length = reach[j] + float(np.linalg.norm(joints[j] - joints[p]))
-        reach[p], long[p] = max(reach[p], length), long[p] + (length >= limb)
+        reach[p], long[p] = max(reach[p], length), long[p] + (length >= LIMB * height)
     trunk = long > 1
     for j in range(n - 1, 0, -1):
         trunk[parents[j]] |= trunk[j]

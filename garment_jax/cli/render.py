@@ -27,10 +27,15 @@ def add(commands) -> None:
     parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")
     parser.add_argument("--side-view", action="store_true", help="also a sheet from the side")
-    parser.add_argument("--whole-body", action="store_true", help="show head and feet too")
+    parser.add_argument(
+        "--whole-body",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="head and arms too (default), or end a hand above the garment",
+    )
     parser.add_argument("--scale-cm", type=float, help="error at the end of the colours (default: fits)")
     parser.add_argument("--azimuth", type=float, default=35.0, help="degrees from the body's front")
-    parser.add_argument("--height", type=int, default=360, help="pixels of one picture (default 360)")
+    parser.add_argument("--height", type=int, help="pixels of one picture (default 360, and 240 in the film)")
     parser.set_defaults(run=run)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
-from garment_jax.evaluation.colours import KINDS, TRUTH
+from garment_jax.evaluation.colours import body_colours, garment_colours
 from garment_jax.evaluation.portrait import frame_portrait
 from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture, read_frames
 from garment_jax.io.sequence import Sequence, open_sequence
@@ -95,13 +95,14 @@ def _pictures(
     framing = frame_clips(
         bodies, garments, root, yaw, height=height, azimuth=azimuth, follow=False, whole_body=True
     )
-    scene, colour = clip.scene, KINDS.get(str(clip.attributes.get("kind")), TRUTH)
+    scene, skin = clip.scene, body_colours(clip.scene.body)
+    (colour,) = garment_colours([str(clip.attributes.get("kind"))])
     for done, frame in enumerate(shown, 1):
         here = np.array([frame])
         body, root, yaw = body_at(clip, here)
         camera = camera_at(framing, root[0], float(yaw[0]), supersampling=SUPERSAMPLING)
         yield picture(
-            body[0], scene.body.faces, read_frames(clip, here)[0], scene.garment.faces, colour, camera,
+            body[0], scene.body.faces, skin, read_frames(clip, here)[0], scene.garment.faces, colour, camera,
             floor=framing.floor, supersampling=SUPERSAMPLING,
         )  # fmt: skip
         if progress is not None:

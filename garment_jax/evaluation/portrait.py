@@ -8,7 +8,7 @@ from PIL import Image
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading
-from garment_jax.evaluation.colours import PINS, PREDICTION, TRUTH
+from garment_jax.evaluation.colours import PINS, PREDICTION, TRUTH, body_colours
 from garment_jax.evaluation.drawn_by import png_text
 from garment_jax.evaluation.view import camera_at, frame_clips, picture
 from garment_jax.structs import Motion, Scene
@@ -43,7 +43,7 @@ def portrait(
     )
     camera = camera_at(framing, root, yaw, supersampling=SUPERSAMPLING)
     pixels = picture(
-        body, scene.body.faces, garment, scene.garment.faces, colours, camera,
+        body, scene.body.faces, body_colours(scene.body), garment, scene.garment.faces, colours, camera,
         floor=framing.floor, supersampling=SUPERSAMPLING,
     )  # fmt: skip
     file = io.BytesIO()

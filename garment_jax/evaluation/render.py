@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.evaluation.animation import film_frames, save_gif
-from garment_jax.evaluation.colours import KINDS, PREDICTION, TRUTH, heat, round_scale
+from garment_jax.evaluation.colours import (
+    PREDICTION,
+    TRUTH,
+    body_colours,
+    garment_colours,
+    heat,
+    round_scale,
+)
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
 from garment_jax.evaluation.drawn_by import WRITER, png_text
 from garment_jax.evaluation.error_curve import save_error_curve
@@ -21,7 +28,8 @@ from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time
-FILM_FPS, FILM_HEIGHT = 15.0, 240
+FILM_FPS = 15.0
+SHEET_HEIGHT, FILM_HEIGHT = 360, 240  # pixels of a picture, where no height is given
 
 
 def render_files(
@@ -33,8 +41,8 @@ def render_files(
     scale_cm: float | None = None,
     azimuth: float = 35.0,
     side_view: bool = False,
-    whole_body: bool = False,
-    height: int = 360,
+    whole_body: bool = True,
+    height: int | None = None,
     seconds: float = 6.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
@@ -43,8 +51,9 @@ def render_files(
     Writes `NAME_sheet.png` (NAME being the first file's) with `frames` columns; of two files also the error
     heat map in the sheet (colours up to `scale_cm`, by default a round number that covers 99 of 100
     vertices) and `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
-    `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front, `height`
-    of a picture in pixels. `progress` is called with the frames drawn and those to draw, of all sheets
+    `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
+    `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
+    sheets and 240 in the film. `progress` is called with the frames drawn and those to draw, of all sheets
     and the film together. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
@@ -70,9 +79,9 @@ def render_files(
         film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
         drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
         for (angle, _), path in zip(views, sheets, strict=True):
-            _sheet(clips, path, title, frames, height, angle, scale_cm, whole_body, drawn)
+            _sheet(clips, path, title, frames, height or SHEET_HEIGHT, angle, scale_cm, whole_body, drawn)
         if animation:
-            _film(clips, movie, azimuth, scale_cm, film, whole_body, drawn)
+            _film(clips, movie, azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
         return written
 
 
@@ -91,7 +100,7 @@ class _Drawn:
 def _check_settings(
     paths: Many[str | Path],
     frames: int,
-    height: int,
+    height: int | None,
     seconds: float,
     scale_cm: float | None,
     azimuth: float,
@@ -100,7 +109,7 @@ def _check_settings(
         raise ValueError(f"{len(paths)} files to render; give one clip, or a prediction and its truth.")
     if frames < 1:
         raise ValueError(f"frames={frames} must be 1 or more; 6 makes a good sheet.")
-    if not 32 <= height <= 4096:
+    if height is not None and not 32 <= height <= 4096:
         raise ValueError(f"height={height} pixels must lie between 32 and 4096; try 360.")
     if not 0 < seconds < math.inf:
         raise ValueError(f"seconds={seconds:g} must be above 0 and finite; try 6.")
@@ -149,7 +158,8 @@ def _sheet(
     garments = [read_frames(c, shown) for c in clips]
     bodies, root, yaw = body_at(clip, shown)
     framing = frame_clips(bodies, garments, root, yaw, height=height, azimuth=azimuth, whole_body=whole_body)
-    rows, scale = _rows(clips, garments, bodies, root, yaw, framing, scale_cm, drawn)
+    skin = body_colours(clip.scene.body)
+    rows, scale = _rows(clips, garments, bodies, root, yaw, skin, framing, scale_cm, drawn)
     heads = [f"{f / clip.fps:.1f} s" for f in shown]
     sheet = contact_sheet(title, heads, rows, scale)
     with written_whole(path) as (made,):
@@ -171,24 +181,25 @@ def _rows(
     bodies: np.ndarray,
     root: np.ndarray,
     yaw: np.ndarray,
+    skin: np.ndarray,
     framing: Framing,
     scale_cm: float | None,
     drawn: _Drawn,
 ) -> tuple[list[Row], Scale | None]:
     """Return the sheet's rows: the clip alone, or truth, prediction and error; drawn frame by frame."""
+    scene = clips[-1].scene
 
     def draw(garment: np.ndarray, colours: np.ndarray, k: int, lit: float = 1.0) -> np.ndarray:
         camera = camera_at(framing, root[k], float(yaw[k]), supersampling=2)
-        scene = clips[-1].scene
         return picture(
-            bodies[k], scene.body.faces, garment[k], scene.garment.faces, colours, camera,
+            bodies[k], scene.body.faces, skin, garment[k], scene.garment.faces, colours, camera,
             lit=lit, floor=framing.floor,
         )  # fmt: skip
 
     if len(clips) == 1:
-        alone = []
+        (colour,), alone = garment_colours([_label(clips[0])]), []
         for k in range(len(bodies)):
-            alone.append(draw(garments[0], KINDS.get(_label(clips[0]), TRUTH), k))
+            alone.append(draw(garments[0], colour, k))
             drawn()
         return [Row(_label(clips[0]), alone, [])], None
     pred, truth = garments
@@ -219,6 +230,7 @@ def _film(
     azimuth: float,
     scale_cm: float | None,
     shown: np.ndarray,
+    height: int,
     whole_body: bool,
     drawn: _Drawn,
 ) -> None:
@@ -228,8 +240,9 @@ def _film(
     bodies, root, yaw = body_at(clip, probe)
     garments = [read_frames(c, probe) for c in clips]
     framing = frame_clips(
-        bodies, garments, root, yaw, height=FILM_HEIGHT, azimuth=azimuth, follow=False, whole_body=whole_body
+        bodies, garments, root, yaw, height=height, azimuth=azimuth, follow=False, whole_body=whole_body
     )
+    skin = body_colours(clip.scene.body)
     if scale_cm is None and len(clips) == 2:
         scale_cm = round_scale(vertex_distance(*garments))
 
@@ -237,7 +250,7 @@ def _film(
         here = np.array([frame])
         body, at, turn = body_at(clip, here)
         garment = [read_frames(c, here) for c in clips]
-        rows, _ = _rows(clips, garment, body, at, turn, framing, scale_cm, drawn)
+        rows, _ = _rows(clips, garment, body, at, turn, skin, framing, scale_cm, drawn)
         return np.concatenate([row.pictures[0] for row in rows], axis=1)
 
     with written_whole(path) as (made,):

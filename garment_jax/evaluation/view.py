@@ -7,7 +7,6 @@ import numpy as np
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.root_frame import heading
 from garment_jax.evaluation.camera import Camera, look_at, view_direction
-from garment_jax.evaluation.colours import BODY
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.shading import Solid, draw
 from garment_jax.io.sequence import Sequence
@@ -77,6 +76,7 @@ def camera_at(framing: Framing, root: np.ndarray, yaw: float, *, supersampling: 
 def picture(
     body: np.ndarray,
     body_faces: np.ndarray,
+    body_ink: np.ndarray,
     garment: np.ndarray,
     faces: np.ndarray,
     colours: np.ndarray,
@@ -88,15 +88,15 @@ def picture(
 ) -> np.ndarray:
     """Return an RGB picture `[h, w, 3]` uint8 of a dressed body.
 
-    `body` `[b, 3]`, `garment` `[n, 3]` world metres; `colours` `[n, 3]` sRGB of the garment, or `[3]`;
-    `lit` below 1 keeps a heat map's colours readable. Drawn at the camera's size and averaged down
-    by `supersampling`.
+    `body` `[b, 3]`, `garment` `[n, 3]` world metres; `body_ink` `[b, 3]` sRGB (`colours.body_colours`),
+    `colours` `[n, 3]` sRGB of the garment, or `[3]`; `lit` below 1 keeps a heat map's colours readable.
+    Drawn at the camera's size and averaged down by `supersampling`.
     """
     ink = np.broadcast_to(colours, garment.shape)
     solid = Solid(
         np.concatenate([body, garment]).astype(np.float64),
         np.concatenate([body_faces, faces + len(body)]),
-        np.concatenate([np.broadcast_to(BODY, body.shape), ink]),
+        np.concatenate([body_ink, ink]),
         np.concatenate([np.ones(len(body)), np.full(len(garment), lit)]),
     )
     large = draw(solid, camera, floor=floor)

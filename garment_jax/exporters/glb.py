@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from garment_jax.evaluation.colours import garment_colours
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.exporters.glb_body import add_body
 from garment_jax.exporters.glb_document import add_channel, new_document, smooth_normals, tidy
@@ -61,7 +62,8 @@ def write_glb(
     rate = sequence.fps if fps is None else fps
     if not 0 < rate < 10_000:
         raise ValueError(f"fps={rate} must lie between 0 and 10000 frames a second.")
-    document = new_document(sequence.name, frames, rate)
+    (cloth,) = garment_colours([str(sequence.attributes.get("kind", ""))])
+    document = new_document(sequence.name, frames, rate, cloth)
     with GlbWriter(path) as writer:
         times = writer.add((np.arange(len(frames)) * (every / rate)).astype(np.float32), bounds=True)
         vertices = _add_garment(writer, document, sequence, frames, times)

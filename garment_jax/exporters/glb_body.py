@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import pose_body
+from garment_jax.evaluation.colours import BODY, body_colours, linear
 from garment_jax.exporters.glb_document import add_channel, smooth_normals
 from garment_jax.io.formats.gltf_writer import INDICES, VERTICES, GlbWriter
 from garment_jax.io.sequence import Sequence
@@ -65,6 +66,10 @@ def _mesh(
     attributes = {
         "POSITION": writer.add(body.vertices, target=VERTICES, bounds=True),
         "NORMAL": writer.add(normals, target=VERTICES),
+        # the material's colour is multiplied by it
+        "COLOR_0": writer.add(
+            (linear(body_colours(body)) / linear(BODY)).astype(np.float32), target=VERTICES
+        ),
         "JOINTS_0": writer.add(index, target=VERTICES),
         "WEIGHTS_0": writer.add(weights, target=VERTICES),
     }

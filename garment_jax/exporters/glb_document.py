@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from garment_jax.evaluation.colours import BODY, linear
 from garment_jax.geometry.normals import vertex_normals
 
-_CLOTH, _SKIN = (0.32, 0.42, 0.62), (0.72, 0.68, 0.64)
 
-
-def new_document(clip: str, frames: range, fps: float) -> dict[str, Any]:
-    """Return the JSON with its animation and materials, still without meshes."""
+def new_document(clip: str, frames: range, fps: float, cloth: np.ndarray) -> dict[str, Any]:
+    """Return the JSON with its animation and materials, still without meshes; `cloth` `[3]` sRGB."""
     extras = {"clip": clip, "fps": fps, "start": frames.start, "every": frames.step}
     return {
         "asset": {"version": "2.0", "generator": "garment_jax", "extras": extras},
@@ -21,14 +20,18 @@ def new_document(clip: str, frames: range, fps: float) -> dict[str, Any]:
         "scenes": [{"nodes": []}],
         "nodes": [],
         "meshes": [],
-        "materials": [_material("cloth", _CLOTH), _material("skin", _SKIN)],
+        "materials": [_material("cloth", cloth), _material("skin", BODY)],
         "skins": [],
         "animations": [{"name": clip, "channels": [], "samplers": []}],
     }
 
 
-def _material(name: str, colour: tuple[float, float, float]) -> dict[str, Any]:
-    surface = {"baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
+def _material(name: str, srgb: np.ndarray) -> dict[str, Any]:
+    surface = {
+        "baseColorFactor": [*linear(srgb).tolist(), 1.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.8,
+    }
     return {"name": name, "pbrMetallicRoughness": surface, "doubleSided": True}
 
 

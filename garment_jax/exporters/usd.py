@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from garment_jax.evaluation.colours import body_colours, garment_colours, linear
 from garment_jax.exporters.clip import ExportClip
 from garment_jax.geometry.normals import vertex_normals
 from garment_jax.io.formats.usd_library import load_pxr
@@ -23,8 +24,10 @@ def export_usd(clip: ExportClip, out: Path) -> list[Path]:
     if out.is_file() and not is_our_usd(out):
         raise not_own(out, "export")
     garment = clip.garment
-    meshes = [UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv)]
-    meshes += [UsdMesh("Body", clip.body.faces, None, None)] if clip.with_body else []
+    (cloth,) = garment_colours([str(clip.sequence.attributes.get("kind", ""))])
+    meshes = [UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv, linear(cloth)[None])]
+    if clip.with_body:
+        meshes.append(UsdMesh("Body", clip.body.faces, None, None, linear(body_colours(clip.body))))
     with written_whole(out) as (path,):
         write_usd(
             path,

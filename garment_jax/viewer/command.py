@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.evaluation.colours import HEAT
+from garment_jax.evaluation.colours import HEAT, body_colours, garment_colours
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
 from garment_jax.io.overwrite_checks import check_own
@@ -107,11 +107,13 @@ def _still(page: PageWriter, shown: Shown, reference: Sequence, body: bool) -> d
 
 def _body(page: PageWriter, shown: Shown, reference: Sequence, posed: PageBody) -> dict[str, Any]:
     matrices = joint_matrices(reference.scene.body, reference.motion, shown.frames)
+    colours = np.rint(255 * body_colours(reference.scene.body)).astype(np.uint8)
     return {
         "joints": len(reference.scene.body.joints),
         "height": posed.height,
         "vertices": page.add(pack_array(posed.vertices)),
         "faces": page.add(pack_array(posed.faces.astype(np.uint32))),
+        "colours": page.add(pack_array(colours)),
         "skin_joints": page.add(pack_array(posed.joints)),
         "skin_weights": page.add(pack_array(posed.weights)),
         "matrices": page.add(pack_array(matrices)),
@@ -127,6 +129,8 @@ def _sequences(
     report: Callable[[str, int, int], None],
 ) -> list[dict[str, Any]]:
     walk, sequences = _walk(reference), []
+    kinds = [str(clip.attributes.get("kind", "")) for clip in shown.clips]
+    colours = garment_colours(kinds, shown.truth)
     for i, clip in enumerate(shown.clips):
         chunks = []
         for frames in _chunks(shown.frames):
@@ -139,9 +143,9 @@ def _sequences(
             words = f"measuring penetration of {clip.path.name}"
             bits = inside_bits(clip, shown.frames, lambda done, w=words: report(w, done, len(shown.frames)))
             inside = page.add(pack_array(bits))
-        kind = "truth" if i == shown.truth else str(clip.attributes.get("kind", ""))
+        kind = "truth" if i == shown.truth else kinds[i]
         sequences.append({"name": clip.name, "file": clip.path.name, "kind": kind, "chunks": chunks})
-        sequences[-1] |= {"inside": inside, "tolerance_mm": TOLERANCE_MM}
+        sequences[-1] |= {"colour": colours[i].tolist(), "inside": inside, "tolerance_mm": TOLERANCE_MM}
     return sequences
 
 

@@ -71,6 +71,20 @@ def test_one_clip_gives_one_row(pair, tmp_path):
         assert sheet.height < 2 * 64 + 80
 
 
+def test_the_height_is_the_film_s_too_and_the_head_is_in_view(pair, tmp_path, monkeypatch):
+    framed = []
+    keep = render.frame_clips
+    monkeypatch.setattr(render, "frame_clips", lambda *a, **k: framed.append(keep(*a, **k)) or framed[-1])
+    options = {"frames": 1, "height": 50, "animation": True, "seconds": 0.1}
+    written = render_files(pair[1:], tmp_path, **options)
+    with Image.open(written[1]) as film:
+        assert film.height == 50
+    render_files(pair[1:], tmp_path, **options, whole_body=False)
+    whole, close = framed[0], framed[2]
+    top = make_scene().body.vertices[:, 1].max()
+    assert whole.middle + whole.span / 2 > top > close.middle + close.span / 2
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from garment_jax.body.kinematics import pose_body
+from garment_jax.evaluation.colours import PREDICTION, body_colours, linear
 from garment_jax.exporters.glb import MOST_TARGETS, split_vertices, write_glb
 from garment_jax.exporters.glb_body import largest_weights
 from garment_jax.io.formats.blender import find_blender, run_blender
@@ -117,6 +118,21 @@ def test_the_body_comes_back_as_it_went(tmp_path: Path, clip: Path):
     off = float(np.linalg.norm(posed - expected, axis=-1).max())
     assert report.body_error is not None
     assert off == pytest.approx(report.body_error, abs=2e-6)
+
+
+def test_colours_are_those_of_the_pictures(tmp_path: Path):
+    path = write_clip(tmp_path / "a.h5", frames=2, attributes={"kind": "predicted"})
+    with open_sequence(path) as sequence:
+        write_glb(sequence, tmp_path / "a.glb")
+        shown = body_colours(sequence.scene.body)
+    file = open_gltf(tmp_path / "a.glb")
+    cloth, skin = (m["pbrMetallicRoughness"]["baseColorFactor"] for m in file.json["materials"])
+    np.testing.assert_allclose(cloth, [*linear(PREDICTION), 1])
+    body = next(mesh for mesh in file.json["meshes"] if mesh["name"] == "body")["primitives"][0]
+    factor = read_accessor(file, body["attributes"]["COLOR_0"], "VEC3")
+    assert factor.min() >= 0
+    assert factor.max() == 1
+    np.testing.assert_allclose(factor * skin[:3], linear(shown), atol=1e-6)
 
 
 def test_four_largest_weights_are_kept_and_sum_to_1():

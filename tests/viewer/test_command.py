@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from garment_jax.cli import main
+from garment_jax.evaluation.colours import PREDICTION, TRUTH, body_colours
 from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.viewer import command
 from garment_jax.viewer.command import view_files
@@ -44,10 +45,14 @@ def test_what_is_asked_for_is_in_the_page_and_nothing_else(pair, tmp_path):
     assert facts["body"] is None
     assert facts["sequences"][0]["inside"] is None
     assert (facts["title"], facts["scale_cm"]) == ("A <b>", 3)
+    assert facts["sequences"][0]["colour"] == PREDICTION.tolist()  # as in films and sheets
     view_files(pair, tmp_path / "p.html", penetration=True)
     facts, blocks = read_page(tmp_path / "p.html")
     for sequence in facts["sequences"]:
         assert len(blocks[sequence["inside"]]) == 11 * 16
+    assert [s["colour"] for s in facts["sequences"]] == [PREDICTION.tolist(), TRUTH.tolist()]
+    colours = np.frombuffer(blocks[facts["body"]["colours"]], np.uint8).reshape(-1, 3)
+    np.testing.assert_allclose(colours / 255, body_colours(make_scene().body), atol=0.5 / 255)
 
 
 def test_a_page_that_view_did_not_write_is_not_replaced(pair, tmp_path):

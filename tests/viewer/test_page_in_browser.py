@@ -109,6 +109,19 @@ def test_it_plays_and_stops(browser):
     assert browser.evaluate("garmentViewer.player.playing") is False
 
 
+def test_one_clip_plays_by_itself_unless_motion_is_unwelcome(browser, page, tmp_path):
+    view_files(page[1][:1], tmp_path / "one.html")
+    for calm in (False, True):
+        value = "reduce" if calm else "no-preference"
+        features = [{"name": "prefers-reduced-motion", "value": value}]
+        browser.call("Emulation.setEmulatedMedia", features=features)
+        browser.open(tmp_path / "one.html")
+        assert browser.evaluate("garmentViewer.player.playing") is not calm
+    browser.open(page[0])
+    assert browser.evaluate("garmentViewer.player.playing") is False
+    browser.resize(1280, 800)
+
+
 def test_keys_go_frame_by_frame(browser):
     browser.evaluate("garmentViewer.goTo(5)")
     browser.press("ArrowRight", "ArrowRight")

@@ -19,6 +19,7 @@ class UsdMesh(NamedTuple):
     faces: np.ndarray  # [f, 3]
     uv: np.ndarray | None  # [u, 2]
     faces_uv: np.ndarray | None  # [f, 3]
+    colours: np.ndarray | None = None  # [n, 3] linear, of the vertices, or [1, 3] of all
 
 
 def write_usd(
@@ -103,6 +104,12 @@ def _add_mesh(stage: Any, mesh: UsdMesh, pxr: Any) -> Any:
         st = pxr.UsdGeom.PrimvarsAPI(geometry).CreatePrimvar("st", kind, varying)
         st.Set(pxr.Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, np.float32)))
         st.SetIndices(_ints(mesh.faces_uv, pxr))
+    if mesh.colours is not None:
+        tokens = pxr.UsdGeom.Tokens
+        shown = geometry.CreateDisplayColorPrimvar(
+            tokens.constant if len(mesh.colours) == 1 else tokens.vertex
+        )
+        shown.Set(pxr.Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(mesh.colours, np.float32)))
     return geometry
 
 

@@ -1,15 +1,5 @@
 // The figures on the stage: one garment a clip, one body for all of them.
 
-const COLOURS = { truth: [0.25, 0.45, 0.66], others: [[0.76, 0.38, 0.27], [0.33, 0.58, 0.42], [0.52, 0.40, 0.66],
-  [0.74, 0.58, 0.24], [0.28, 0.60, 0.64], [0.70, 0.42, 0.58], [0.48, 0.50, 0.54]] };
-
-function colourOf(facts, index) {
-  const plain = (s, i) => (facts.truth === null ? s.kind === "simulated" && i === 0 : i === facts.truth);
-  if (plain(facts.sequences[index], index)) return COLOURS.truth;
-  const others = facts.sequences.slice(0, index).filter((s, i) => !plain(s, i)).length;
-  return COLOURS.others[others % COLOURS.others.length];
-}
-
 class GarmentFigure {
   constructor(clip, faces, edges, shared) {
     const n = clip.vertices;
@@ -89,6 +79,8 @@ class BodyFigure {
     vertexNormals(body.vertices, body.faces, normals);
     geometry.setAttribute("position", new THREE.BufferAttribute(body.vertices, 3));
     geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+    const colours = Float32Array.from(body.colours, (byte) => byte / 255);
+    geometry.setAttribute("colour", new THREE.BufferAttribute(colours, 3));
     for (const half of [0, 1]) {
       for (const [name, values] of [["joints", body.skinJoints], ["weights", body.skinWeights]]) {
         const own = Float32Array.from({ length: values.length / 2 }, (_, i) => values[8 * (i >> 2) + 4 * half + (i & 3)]);

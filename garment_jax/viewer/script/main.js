@@ -9,7 +9,6 @@ const clock = { draws: 0, script: 0, begin: performance.now() }; // how long our
 const clips = facts.sequences.map((sequence, i) => ({
   ...sequence,
   vertices: facts.vertices,
-  colour: colourOf(facts, i),
   isTruth: i === facts.truth,
   measured: facts.truth !== null && i !== facts.truth,
   steps: new Int16Array(3 * facts.vertices * facts.frames),
@@ -40,12 +39,13 @@ async function build() {
   const index = new Uint32Array(faces);
   stage = new Stage(find("stage"), facts, facts.floor);
   if (facts.body) {
-    const names = ["vertices", "faces", "skin_joints", "skin_weights", "matrices"];
-    const [v, f, j, w, m] = await Promise.all(names.map((name) => readBlock(facts.body[name])));
+    const names = ["vertices", "faces", "colours", "skin_joints", "skin_weights", "matrices"];
+    const [v, f, c, j, w, m] = await Promise.all(names.map((name) => readBlock(facts.body[name])));
     stage.body = new BodyFigure(
       {
-        vertices: new Float32Array(v), faces: new Uint32Array(f), skinJoints: new Uint16Array(j),
-        skinWeights: new Float32Array(w), matrices: new Float32Array(m), joints: facts.body.joints,
+        vertices: new Float32Array(v), faces: new Uint32Array(f), colours: new Uint8Array(c),
+        skinJoints: new Uint16Array(j), skinWeights: new Float32Array(w), matrices: new Float32Array(m),
+        joints: facts.body.joints,
       },
       stage.shared,
     );
@@ -223,6 +223,8 @@ async function start() {
   await unpack(walk);
   summarise();
   find("loading").hidden = true;
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  if (clips.length === 1 && facts.frames > 1 && !still && player.time === 0 && !player.playing) actions.play();
 }
 
 // For scripts and the console: what is shown and what was measured.

@@ -72,8 +72,10 @@ function bodyMaterial(matrices) {
     uniforms: { matrices: { value: matrices } },
     vertexShader: `
       ${SKINNING}
-      varying vec3 vNormal, vToEye;
+      attribute vec3 colour;
+      varying vec3 vNormal, vToEye, vColour;
       void main() {
+        vColour = colour;
         mat4x3 skin = posed();
         vec4 view = modelViewMatrix * vec4(skin * vec4(position, 1.0), 1.0);
         vNormal = normalMatrix * (skin * vec4(normal, 0.0));
@@ -81,9 +83,9 @@ function bodyMaterial(matrices) {
         gl_Position = projectionMatrix * view;
       }`,
     fragmentShader: `
-      varying vec3 vNormal, vToEye;
+      varying vec3 vNormal, vToEye, vColour;
       ${LIGHT}
-      void main() { gl_FragColor = vec4(shade(vec3(0.70, 0.69, 0.68), vNormal, vToEye, 1.0), 1.0); }`,
+      void main() { gl_FragColor = vec4(shade(vColour, vNormal, vToEye, 1.0), 1.0); }`,
   });
 }
 

@@ -22,8 +22,8 @@ UP = np.tile(np.float32([0, 0, 1]), (1000, 1))
 def write(path: Path, *, up: str = "Y") -> Path:
     garment, body = SCENE.garment, SCENE.body
     meshes = [
-        UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv),
-        UsdMesh("Body", body.faces, None, None),
+        UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv, np.array([[0.5, 0.25, 0.125]])),
+        UsdMesh("Body", body.faces, None, None, body.vertices % 1),
     ]
     frames = ([(V[k], UP[: V.shape[1]]), (BODY[k], UP[: BODY.shape[1]])] for k in range(70))
     write_usd(path, meshes, frames, fps=24, first_frame=10, count=70, unit=0.01, up=up)
@@ -52,6 +52,10 @@ def test_the_stage_says_what_programs_need(tmp_path: Path):
     assert list(mesh.GetPointsAttr().GetTimeSamples()) == list(range(10, 80))
     np.testing.assert_array_equal(mesh.GetExtentAttr().Get(33), [V[23].min(axis=0), V[23].max(axis=0)])
     assert len(mesh.GetNormalsAttr().Get(33)) == V.shape[1]
+    assert mesh.GetDisplayColorPrimvar().ComputeFlattened() == [(0.5, 0.25, 0.125)]
+    body = UsdGeom.Mesh(stage.GetPrimAtPath("/Clip/Body")).GetDisplayColorPrimvar()
+    assert body.GetInterpolation() == "vertex"
+    np.testing.assert_array_equal(body.Get(), SCENE.body.vertices % 1)
 
 
 @pytest.mark.parametrize("suffix", [".usdc", ".usdz"])
