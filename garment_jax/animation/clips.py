@@ -124,7 +124,17 @@ def rollout_many(
 
     One compiled program serves every number of motions: the last group is filled up with copies. Motions of
     like length go together, so little is padded and the order is theirs, longest first. Memory: one group.
-    Raises `ValueError` as `rollout_batch` does, and for lanes below 1.
+    Raises `ValueError` as `rollout_batch` does, and for lanes below 1. With a model of `load_model`, its
+    scene and motions:
+
+        template, seeds = template_for(model, scene, "clip.h5")
+        inputs = [model_input(model, scene, template, seeds, m) for m in motions]
+        pose = make_start(template, seeds, model.config.body.tau)  # garment_jax.dataset.start
+        V_start = pose(np.concatenate([m.R_seed for m in inputs]), np.concatenate([m.t_seed for m in inputs]))
+        state = init_state(model.params, V_start, template=template, config=model.config)
+        run = make_rollout(template, model.config, detail=False)
+        for i, V in rollout_many(run, model.params, state, [m.x for m in inputs], chunk=32, lanes=16):
+            np.save(f"{i}.npy", V)  # [t, n, 3] metres, root frames
     """
     if lanes < 1:
         raise ValueError(f"lanes = {lanes} must be 1 or more motions side by side.")

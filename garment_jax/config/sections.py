@@ -44,9 +44,7 @@ class GenerativeConfig:
     part_dim: int = key(64, "width of z_s and of z_d", "positive", shapes="network")
     rec_hidden: tuple[int, ...] = key((256, 256), "hidden widths of D_rec", "positive", shapes="network")
     rec_rank: int = key(96, "rank of D_rec's last layer; 0: full, the paper's", shapes="network")
-    decomposition: bool = key(
-        True, "D_rec and D_dyn; false: one decoder of positions from Z", shapes="network", later=True
-    )
+    decomposition: bool = key(True, "D_rec and D_dyn; false: one decoder", shapes="network", later=True)
     instance_norm: bool = key(True, "normalise each channel in the encoder", shapes="network")
     map_statistics: bool = key(
         True, "give E_gen's dense layer the channel means and deviations", shapes="network"
@@ -58,7 +56,7 @@ class GenerativeConfig:
         later=True,
     )
     linear_skip: bool = key(
-        True, "linear paths beside the networks, begun from principal components", shapes="network"
+        True, "linear paths beside the networks, from principal components", shapes="network"
     )
     laplacian: Literal["uniform", "cotangent"] = key("uniform", "weights of the template's Laplacian")
     norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm or the paper's norm")
@@ -75,7 +73,7 @@ class GenerativeConfig:
 
 @dataclass(frozen=True)
 class MotionConfig:
-    gru: int = key(500, "width of the recurrent state", "positive", shapes="network")
+    gru: int = key(500, "width of the GRU", "positive", shapes="network")
     dense: int = key(256, "width of E_m's dense layer", shapes="network")
     channels: tuple[int, ...] = key((24, 48, 96, 128), "widths of E_s", "positive", shapes="network")
     state_dim: int = key(128, "width of E_s' garment vector", shapes="network")
@@ -85,17 +83,17 @@ class MotionConfig:
     state_noise: float = key(0.0, "metres; noise on the previous frame")
     from_first: float = key(0.4, "part of the lanes that start at a clip's first frame", "part")
     true_starts: float = key(
-        0.3, "part that starts from a true frame within a clip, the rest from the skinned template", "part"
+        0.3, "part that starts from a true frame, the rest from the skinned template", "part"
     )
     grace: int = key(25, "frames after a skinned start whose error counts less")
-    lane_windows: int = key(8, "windows of a lane before it starts anew", "positive")
+    lane_windows: int = key(8, "windows until a lane starts anew", "positive")
     norm: Literal["cm2", "plain"] = key("cm2", "mean squared cm or the paper's norm")
     previous_state: bool = key(True, "E_s on the map of the last frame; false: ablation", shapes="network")
     window: int = key(50, "frames of truncated back-propagation", "positive")
     lanes: int = key(8, "clips trained side by side", "positive")
     lambda_laplacian: float = key(1.5, "weight of the Laplacian loss")
     lambda_latent: float = key(0.5, "weight of the loss on latents")
-    warm_up_steps: int = key(1_500, "windows in the linearised latent space, before the full loop; 0: none")
+    warm_up_steps: int = key(1_500, "windows in the linearised latent space; 0: none")
     warm_up_lanes: int = key(32, "clips side by side in the warm-up")
     warm_up_rate: float = key(1e-3, "first learning rate of the warm-up")
     steps: int = key(5_000, "windows")
@@ -132,12 +130,10 @@ class ColumnRnnConfig:
     steps: int = key(0, "windows; 0 leaves the stage out")
     columns: int = key(28, "sectors around the garment", "positive")
     rows: int = key(8, "cells from the pins to the hem", "positive", shapes="network")
-    hidden: int = key(64, "width of each column's recurrent state", shapes="network")
-    width: int = key(128, "width of the layers between", "positive", shapes="network")
+    hidden: int = key(64, "width of each column's GRU", shapes="network")
+    width: int = key(128, "width of the other layers", "positive", shapes="network")
     around: int = key(5, "columns that a convolution sees, odd", "positive", shapes="network")
-    layers: int = key(
-        0, "further convolutions before the recurrence and after it", shapes="network", later=True
-    )
+    layers: int = key(0, "further convolutions before and after the GRU", shapes="network", later=True)
     previous_state: bool = key(
         True, "the last frame's cells as input; false: ablation", shapes="network", later=True
     )
@@ -149,7 +145,7 @@ class ColumnRnnConfig:
     from_first: float = key(
         0.5, "part of the lanes that start at a clip's first frame, the rest at a true one", "part"
     )
-    lane_windows: int = key(25, "windows of a lane before it starts anew", "positive")
+    lane_windows: int = key(25, "windows until a lane starts anew", "positive")
     learning_rate: float = key(2e-3, "first rate", "positive")
     weight_decay: float = key(1e-3, "of the optimiser")
 
@@ -158,7 +154,7 @@ class ColumnRnnConfig:
 class SimulationConfig:
     """Clips that are simulated to learn from, in place of the recorded ones, and never written."""
 
-    clips: int = key(0, "motions drawn out of the recorded ones and simulated; 0: the recorded clips")
+    clips: int = key(0, "motions drawn out of the recorded ones; 0: the recorded clips")
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
     cloth: tuple[str, ...] = key((), 'as `simulate --cloth`, such as ["bend_bias=0.5"]')
     pattern: str = key("", 'as `simulate --pattern`; "": from the UVs')
@@ -182,19 +178,19 @@ class BaselinesConfig:
 
     inputs: Literal["own", "ours"] = key("own", "motion features of their papers, or ours")
     lanes: int = key(32, "clips trained side by side", "positive")
-    components: int = key(96, "principal components that the ridge predicts", "positive")
+    components: int = key(96, "principal components of the ridge", "positive")
     ridge: float = key(100.0, "the ridge's penalty")
-    santesteban_gru: int = key(1_500, "width of the recurrent state")
+    santesteban_gru: int = key(1_500, "width of the GRU")
     santesteban_steps: int = key(350, "windows")
     santesteban_rate: float = key(1e-3, "first rate")
     bones: int = key(80, "virtual bones", "positive")
-    pan_gru: int = key(500, "width of the recurrent state")
-    pan_steps: int = key(1_200, "windows of the low-frequency part")
+    pan_gru: int = key(500, "width of the GRU")
+    pan_steps: int = key(1_200, "windows of the low frequencies")
     pan_rate: float = key(1e-3, "its first rate")
-    pan_residual_gru: int = key(128, "width of its recurrent state")
-    pan_residual_steps: int = key(600, "batches of the high-frequency part")
+    pan_residual_gru: int = key(128, "width of the GRU of the high frequencies")
+    pan_residual_steps: int = key(600, "batches of the high frequencies")
     pan_residual_rate: float = key(5e-4, "its first rate")
-    decoder_steps: int = key(450, "batches of the auto-encoder with one decoder")
+    decoder_steps: int = key(450, "batches of the one-decoder auto-encoder")
     decoder_rate: float = key(3e-4, "its first rate")
 
 
@@ -205,11 +201,11 @@ class TrainingConfig:
     optimiser: Literal["adamw", "adam_l2"] = key("adamw", "adam_l2: decay added to the gradient")
     clip_norm: float = key(1.0, "largest global gradient norm; 0: no clipping")
     schedule: Literal["constant", "cosine"] = key("cosine", "of the learning rates")
-    warmup: float = key(0.02, "part of the steps in which the rate rises", "part")
+    warmup: float = key(0.02, "part of the steps in which rates rise", "part")
     final_rate: float = key(0.01, "last rate ÷ first", "part")
     average: float = key(
         0.0,
-        "last part of the steps whose parameters are averaged; 0: none",
+        "last part of the steps that is averaged; 0: none",
         "part",
         later=True,
     )
@@ -231,7 +227,7 @@ class RolloutConfig:
     )
     max_correction: float = key(
         1.0,
-        "largest correction, in a cell's scale (8 cm at the shared skirt's hem)",
+        "largest correction, in a cell's scale (8 cm at a skirt's hem)",
         "positive",
         later=True,
         was="reach",

@@ -24,6 +24,17 @@ def initial_state(
 def penetration(at: ClosestPoint, *, eps: float = 1e-3) -> Float[Array, ""]:
     """Return sum max(eps - ds, 0) over the vertices, in metres (section 3.5, second term).
 
-    Differentiable in the vertices and in the body through `at`; usable as a training loss.
+    Differentiable in the vertices and in the body through `at`, with the closest triangle fixed. As the loss
+    of a window, with `surface = make_collider_tables(scene.collider, scene.body)` and
+    `groups = point_groups(template)`; in a `scan`, since under `vmap` all wait for the slowest search:
+
+        def penetration_loss(V, collider):  # [t, n, 3], [t, c, 3]: root frame, metres
+            def frame(triangle, now):
+                v, c = now
+                at = closest_point_from(triangle, v, c, surface, groups)
+                return at.triangle, penetration(at, eps=4e-3)
+
+            first = closest_point_exact(V[0], collider[0], surface).triangle
+            return jax.lax.scan(frame, first, (V, collider))[1].sum() / V[:, :, 0].size  # mean over vertices
     """
     return jnp.maximum(eps - at.ds, 0.0).sum()

@@ -72,7 +72,7 @@ def test_points_that_are_outside_by_the_margin_have_no_gradient_and_the_others_h
 
 
 def test_a_clip_carries_its_triangles_and_a_few_steps_push_it_out():
-    """The form that docs/collision.md gives for a training: one frame after the other, no search afresh."""
+    """The form that `penetration` documents for a training: one frame after the other, no search afresh."""
     groups = point_groups(cloud())
     body = jnp.asarray(VERTICES, jnp.float32)
 
