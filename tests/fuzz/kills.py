@@ -12,8 +12,6 @@ process that has imported everything.
 """
 
 import argparse
-import hashlib
-import os
 import random
 import shutil
 import sys
@@ -25,7 +23,15 @@ from pathlib import Path
 from tests.fuzz.command_lines import in_a_fork, share_programs
 from tests.fuzz.pairs import PAIRS, pair_run
 from tests.fuzz.watched_runs import Ended, run, run_stopping
-from tests.fuzz.writing_commands import Command, commands, contents, copied, listing, make_files
+from tests.fuzz.writing_commands import (
+    Command,
+    commands,
+    contents,
+    copied,
+    digest_of,
+    listing,
+    make_files,
+)
 
 QUICK = ("evaluate", "export npz", "export pc2", "export obj", "save")  # the last takes seconds
 
@@ -47,7 +53,7 @@ def _kill_run(
         left: dict[bytes, list[int]] = {}  # by what it holds, before which operations
 
         def keep(number: int) -> None:
-            state = _digest(folder)
+            state = digest_of(folder)
             left.setdefault(state, []).append(number)
             if len(left[state]) == 1:
                 shutil.copytree(folder, Path(place) / str(number), symlinks=True)
@@ -68,6 +74,8 @@ def _kill_run(
             shutil.rmtree(folder)
             (Path(place) / str(numbers[0])).rename(folder)
             faults += _goes_on(f"{name} at {numbers[0]}", command, folder, whole, expected, there)
+            if covered % 10 < len(numbers):
+                print(f"{name}: {covered} of {whole.operations}", flush=True)
         return covered, faults
 
 
@@ -89,18 +97,6 @@ def _goes_on(
     if left := sorted(listing(folder) - there):
         faults.append(f"{title}: left over: {left[:3]}")
     return faults
-
-
-def _digest(folder: Path) -> bytes:
-    """Return a digest of all names and contents below."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*")):
-        content = (
-            os.readlink(path).encode() if path.is_symlink() else b"" if path.is_dir() else path.read_bytes()
-        )
-        for part in (str(path.relative_to(folder)).encode(), content):
-            digest.update(len(part).to_bytes(8) + part)
-    return digest.digest()
 
 
 def main() -> int:

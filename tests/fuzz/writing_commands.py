@@ -2,14 +2,18 @@
 
 import contextlib
 import hashlib
+import os
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from tests.fuzz.command_lines import in_a_fork
+
+_KNOWN: dict[bytes, bytes] = {}  # digests of checkpoints' arrays, by those of their files
 
 
 class Command(NamedTuple):
@@ -109,10 +113,22 @@ def contents(folder: Path, command: Command) -> dict[str, bytes]:
                 found[known] = _arrays(file)
             elif "checkpoints" not in file.parts:  # logs with times, caches with digests of their own
                 found[known] = b""
-        checkpoints = path / "checkpoints"
-        for step in sorted(checkpoints.glob("*/[0-9]*")) if command.arrays else ():
-            found[str(step.relative_to(folder))] = _leaves(step)
+        steps = sorted((path / "checkpoints").glob("*/[0-9]*")) if command.arrays else []
+        for step, leaves in zip(steps, _leaves(steps), strict=True):
+            found[str(step.relative_to(folder))] = leaves
     return found
+
+
+def digest_of(folder: Path) -> bytes:
+    """Return a digest of all names and contents below."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        content = (
+            os.readlink(path).encode() if path.is_symlink() else b"" if path.is_dir() else path.read_bytes()
+        )
+        for part in (str(path.relative_to(folder)).encode(), content):
+            digest.update(len(part).to_bytes(8) + part)
+    return digest.digest()
 
 
 def _arrays(path: Path) -> bytes:
@@ -129,21 +145,26 @@ def _arrays(path: Path) -> bytes:
     return digest.digest()
 
 
-def _leaves(step: Path) -> bytes:
-    """Return a digest of a checkpoint's arrays; its files hold times and names of their own."""
+def _leaves(steps: Sequence[Path]) -> list[bytes]:
+    """Return a digest of each checkpoint's arrays; its files hold times and names of their own."""
+    keys = [digest_of(step) for step in steps]
+    new = {key: step for key, step in zip(keys, steps, strict=True) if key not in _KNOWN}
 
     def read(place: Path) -> None:
         from garment_jax.training.checkpoint import Checkpointer
 
-        leaves = Checkpointer(step.parents[2], step.parent.name)._read(int(step.name))
-        digest = hashlib.sha256()
-        for name, (_, value) in sorted(leaves.items()):
-            digest.update(name.encode() + np.ascontiguousarray(value).tobytes())
-        place.write_bytes(digest.digest())
+        for number, step in enumerate(new.values()):
+            leaves = Checkpointer(step.parents[2], step.parent.name)._read(int(step.name))
+            digest = hashlib.sha256()
+            for name, (_, value) in sorted(leaves.items()):
+                digest.update(name.encode() + np.ascontiguousarray(value).tobytes())
+            (place / str(number)).write_bytes(digest.digest())
 
-    with tempfile.TemporaryDirectory() as name:
-        in_a_fork(read, Path(name) / "digest")  # jax, again
-        return (Path(name) / "digest").read_bytes()
+    if new:  # reading takes a process of its own, since it begins jax, and a second
+        with tempfile.TemporaryDirectory() as name:
+            in_a_fork(read, Path(name))
+            _KNOWN.update({key: (Path(name) / str(k)).read_bytes() for k, key in enumerate(new)})
+    return [_KNOWN[key] for key in keys]
 
 
 def listing(folder: Path) -> set[str]:
