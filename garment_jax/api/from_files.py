@@ -91,12 +91,19 @@ def train(
     return load(train_stages(read, out, data_dir=data or read.data.dir, stage=stage))
 
 
-def evaluate(predicted: "LoadedModel | str | Path", truth: str | Path, *, every: int = 1) -> dict[str, Any]:
+def evaluate(
+    predicted: "LoadedModel | str | Path",
+    truth: str | Path,
+    *,
+    every: int = 1,
+    again: str | Path | None = None,
+) -> dict[str, Any]:
     """Return the metrics of a predicted clip against the simulated one, both sequence files.
 
     A model in the place of a prediction is animated on the truth's motion first. Keys: `metrics` (one number
     each: `rmse_cm`, `hausdorff_cm`, ...), `per_frame`, `per_sampled_frame` (slow ones, on every `every`-th
-    frame), `frames`, `fps`; units are in the names (docs/metrics.md). Raises `ValueError` or `OSError` in one
+    frame), `frames`, `fps`; units are in the names (docs/metrics.md). `again`: a second simulation of the
+    truth's motion, which says until when the cloth is determined. Raises `ValueError` or `OSError` in one
     sentence.
 
         gj.evaluate(model, "jump.h5")["metrics"]["rmse_cm"]
@@ -107,11 +114,12 @@ def evaluate(predicted: "LoadedModel | str | Path", truth: str | Path, *, every:
     from garment_jax.evaluation.command import evaluate_files
 
     if not isinstance(predicted, LoadedModel):
-        return evaluate_files(predicted, truth, every=every)
+        return evaluate_files(predicted, truth, every=every, again=again)
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "predicted.h5"
         animate(predicted, truth, out=made)
-        return evaluate_files(made, truth, every=every) | {"prediction": predicted.name}
+        figures = evaluate_files(made, truth, every=every, again=again)
+        return figures | {"prediction": predicted.name}
 
 
 def export(source: "LoadedModel | str | Path", out: str | Path, **options: Any) -> list[Path]:

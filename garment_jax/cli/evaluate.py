@@ -11,7 +11,8 @@ from garment_jax.cli.parser import add_command
 from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax evaluate pred.h5 truth.h5
-  garment-jax evaluate pred/ data/test --every 10 --out figures.json"""
+  garment-jax evaluate pred/ data/test --every 10 --out figures.json
+  garment-jax evaluate pred/ data/test --again data/again"""
 
 
 def add(commands) -> None:
@@ -24,6 +25,13 @@ def add(commands) -> None:
     )
     parser.add_argument("pred", type=Path, help="predicted sequence file, or a folder of them")
     parser.add_argument("truth", type=Path, help="simulated sequence file, or a folder with the same names")
+    parser.add_argument(
+        "--again",
+        type=Path,
+        metavar="FILE",
+        help="a second simulation of the truth's motion, or a folder of them: error while the two are alike, "
+        "and afterwards as a multiple of their distance (garment-jax floor makes one)",
+    )
     parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")
     parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
     parser.add_argument("--out", type=Path, help="also save the JSON there")
@@ -40,12 +48,14 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.storage.whole import written_whole
 
     pairs = pair_files(options.pred, options.truth)
+    seconds = {} if options.again is None else dict(pair_files(options.pred, options.again))
     if options.out is not None:
-        check_out(options.out, [path for pair in pairs for path in pair])
+        check_out(options.out, [*seconds.values(), *(path for pair in pairs for path in pair)])
     figures, left_out = [], LeftOut(len(pairs))
     for pred, truth in pairs:
         with left_out.reading(pred), FrameProgress(pred.stem) as progress:
-            figures.append(evaluate_files(pred, truth, every=options.every, progress=progress))
+            again = seconds.get(pred)
+            figures.append(evaluate_files(pred, truth, every=options.every, again=again, progress=progress))
     if not figures:
         left_out.check()
     text = json.dumps(figures if options.pred.is_dir() else figures[0])

@@ -9,6 +9,7 @@ import numpy as np
 from garment_jax.body.root_frame import heading, to_root
 from garment_jax.evaluation import sted
 from garment_jax.evaluation.clip_tables import Tables, make_tables
+from garment_jax.evaluation.determined import against_again
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
 from garment_jax.evaluation.per_frame import (
@@ -17,7 +18,9 @@ from garment_jax.evaluation.per_frame import (
     pierced,
     sampled_frames,
     skinned_template_error,
+    speed,
 )
+from garment_jax.evaluation.rmse import rmse_per_frame
 from garment_jax.evaluation.summary import clip_figures
 from garment_jax.io.sequence import Sequence, open_sequence
 
@@ -29,6 +32,7 @@ def evaluate_files(
     truth: str | Path,
     *,
     every: int = 1,
+    again: str | Path | None = None,
     sted_c: float = sted.WEIGHT,
     sted_window_frames: int = sted.WINDOW,
     arms: bool = True,
@@ -40,7 +44,8 @@ def evaluate_files(
     number each, None where it does not apply), `per_frame` (lists over all frames) and
     `per_sampled_frame` (lists over every `every`-th frame: Hausdorff, penetration and
     self-intersections, which cost about a tenth of a second each). `arms=False` leaves out the
-    penetration of what is not part of the collider. `progress` is called with the frames done and all.
+    penetration of what is not part of the collider. `again`: a second simulation of the truth's motion, for
+    the figures of `evaluation/determined.py`. `progress` is called with the frames done and all.
 
     Everything is measured after the truth's root translation is taken off both. One window of
     frames is in memory at a time. Raises `ValueError` for files that do not belong together, for
@@ -51,14 +56,18 @@ def evaluate_files(
     sted.check_window(sted_window_frames)
     with open_sequence(pred) as p, open_sequence(truth) as q:
         check_pair(p, q)
+        parting = {} if again is None else _parting(Path(again), q)  # first: it is soon told
         tables = make_tables(q, arms=arms)
         columns = _measure(p, q, tables, every, sted_window_frames, progress or (lambda done, total: None))
         per_frame, sampled, positions = columns
         figures = clip_figures(per_frame, sampled, positions, sted_c, sted_window_frames)
+        if parting:
+            figures |= against_again(per_frame["rmse_cm"], parting["again_rmse_cm"])
         return {
             "clip": q.name,
             "prediction": str(pred),
             "truth": str(truth),
+            **({} if again is None else {"again": str(again)}),
             "frames": q.frames,
             "fps": q.fps,
             "vertices": len(q.scene.garment.template),
@@ -70,9 +79,18 @@ def evaluate_files(
                 "penetration_tolerance_mm": TOLERANCE_MM,
             },
             "metrics": figures,
-            "per_frame": {k: v.tolist() for k, v in per_frame.items()},
+            "per_frame": {k: v.tolist() for k, v in (per_frame | parting).items()},
             "per_sampled_frame": {k: v.tolist() for k, v in sampled.items()},
         }
+
+
+def _parting(again: Path, truth: Sequence) -> Columns:
+    """Return how far a second simulation is from the first in every frame, RMSE cm."""
+    with open_sequence(again) as other:
+        check_pair(other, truth)
+        windows = [(k, min(k + WINDOW, truth.frames)) for k in range(0, truth.frames, WINDOW)]
+        away = [rmse_per_frame(read_finite(other, *w), read_finite(truth, *w)) for w in windows]
+    return {"again_rmse_cm": np.concatenate(away)}
 
 
 def _measure(
@@ -98,7 +116,9 @@ def _measure(
         frame |= pierced(q, V[inner], V_star[inner], tables, slice(start, stop))
         temporal = sted.temporal_part(V, V_star, window_frames=window_frames).mean(axis=1)
         frame["sted_temporal"] = temporal[inner]  # one fewer at the clip's end
-        sampled = sampled_frames(V[inner], V_star[inner], q, tables, start, every)
+        for prefix, x in (("", V), ("truth_", V_star)):
+            frame |= {prefix + k: v[inner] for k, v in speed(x, q.fps).items()}  # one fewer at the clip's end
+        sampled = sampled_frames(V[inner], V_star[inner], q, tables, start, yaw[start:stop], every)
         zero = np.zeros((stop - start, 3))
         hem = {
             name: to_root(x[inner][:, tables.hem], zero, yaw[start:stop])

@@ -19,6 +19,7 @@ from garment_jax.evaluation.penetration import (
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.self_intersections import self_intersections
+from garment_jax.evaluation.silhouette import silhouette_cm2
 from garment_jax.io.sequence import Sequence
 
 Columns = dict[str, np.ndarray]  # name with unit -> one value a frame
@@ -48,6 +49,13 @@ def every_frame(V: np.ndarray, V_star: np.ndarray, tables: Tables) -> Columns:
     return figures
 
 
+def speed(V: np.ndarray, fps: float) -> Columns:
+    """Return the mean and 99th percentile of the vertices' speeds in cm/s, for each but the last frame."""
+    each = fps * vertex_distance(V[1:], V[:-1])
+    top = np.percentile(each, 99, axis=1) if len(each) else np.zeros(0)
+    return {"speed_mean_cm_per_s": each.mean(axis=1), "speed_p99_cm_per_s": top}
+
+
 def skinned_template_error(q: Sequence, V_star: np.ndarray, tables: Tables, frames: slice) -> Columns:
     """The error of the rigidly skinned template, which the drift is measured against."""
     posed = drift.skinned_template(q.scene, q.motion, tables.weights, frames)
@@ -68,7 +76,13 @@ def pierced(q: Sequence, V: np.ndarray, V_star: np.ndarray, tables: Tables, fram
 
 
 def sampled_frames(
-    V: np.ndarray, V_star: np.ndarray, q: Sequence, tables: Tables, start: int, every: int
+    V: np.ndarray,
+    V_star: np.ndarray,
+    q: Sequence,
+    tables: Tables,
+    start: int,
+    yaw: np.ndarray,
+    every: int,
 ) -> Columns:
     frames = np.arange(start, start + len(V))
     frames = frames[frames % every == 0]
@@ -80,6 +94,7 @@ def sampled_frames(
         v, v_star = V[frame - start], V_star[frame - start]
         row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
         for prefix, x in (("", v), ("truth_", v_star)):
+            row[f"{prefix}silhouette_cm2"] = silhouette_cm2(x, tables.faces, yaw[frame - start])
             row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
             row |= {prefix + name: value for name, value in _inside(x, held, *solids).items()}
         for name, value in row.items():

@@ -34,6 +34,9 @@ def clip_figures(
             figures[prefix + name] = _mean(per_frame, prefix + name)
         figures[f"{prefix}strain_max_percent"] = float(per_frame[f"{prefix}strain_max_percent"].max())
     figures["strain_mean_ratio"] = _mean_ratio(per_frame, "strain_mean_percent")
+    for name in ("speed_mean_cm_per_s", "speed_p99_cm_per_s"):
+        figures |= _beside_truth(per_frame, name)
+    figures |= _beside_truth(sampled, "silhouette_cm2")
     return figures | _hem(hem) | _laplacian(per_frame)
 
 
@@ -107,12 +110,17 @@ def _hem(positions: Columns) -> Metrics:
 
 def _laplacian(per_frame: Columns) -> Metrics:
     figures: Metrics = {}
-    names = [k for k in per_frame if k.startswith("laplacian_")]
-    for name in names:
-        figures[name] = _mean(per_frame, name)
-        figures[f"truth_{name}"] = _mean(per_frame, f"truth_{name}")
-        figures[f"{name.removesuffix('_cm2')}_ratio"] = _mean_ratio(per_frame, name)
+    for name in [k for k in per_frame if k.startswith("laplacian_")]:
+        figures |= _beside_truth(per_frame, name)
     return figures
+
+
+def _beside_truth(columns: Columns, name: str) -> Metrics:
+    """Return a figure's mean, the truth's, and their ratio; None where there is no such frame."""
+    ours, truth = _mean(columns, name), _mean(columns, f"truth_{name}")
+    ratio = None if ours is None or truth is None else _ratio(ours, truth)
+    stem = name.removesuffix("_cm2").removesuffix("_cm_per_s")
+    return {name: ours, f"truth_{name}": truth, f"{stem}_ratio": ratio}
 
 
 def mean_metrics(results: Sequence[dict]) -> Metrics:

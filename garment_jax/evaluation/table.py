@@ -23,6 +23,14 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("strain %", "strain_mean_percent", ".2f"),
     ("of truth %", "truth_strain_mean_percent", ".2f"),
     ("Laplacian power ÷ truth", "laplacian_power_ratio", ".2f"),
+    ("speed ÷ truth", "speed_mean_ratio", ".2f"),
+    ("silhouette ÷ truth", "silhouette_ratio", ".2f"),
+)
+
+AGAINST_AGAIN = (
+    ("determined %", "determined_percent", ".0f"),
+    ("RMSE there cm", "determined_rmse_cm", ".2f"),
+    ("÷ second run elsewhere", "parted_error_ratio", ".2f"),
 )
 
 REST_OF_THE_BODY = (
@@ -36,11 +44,13 @@ REST_OF_THE_BODY = (
 def format_table(results: dict[str, Any] | Sequence[dict[str, Any]], *, whole_body: bool = False) -> str:
     """Return a Markdown table of one or several `evaluate_files` results, a clip a row.
 
-    With `whole_body` also the penetration of what is not part of the collider. Several clips get a row
+    Figures against a second simulation come first. With `whole_body` also the penetration of what is not part
+    of the collider. Several clips get a row
     with their mean. A dash stands for a metric that does not apply.
     """
-    columns = COLUMNS + (REST_OF_THE_BODY if whole_body else ())
     rows = [results] if isinstance(results, dict) else list(results)
+    known = AGAINST_AGAIN if any("again" in row for row in rows) else ()
+    columns = known + COLUMNS + (REST_OF_THE_BODY if whole_body else ())
     lines = [
         "| clip | frames | " + " | ".join(heading for heading, _, _ in columns) + " |",
         "|---|" + "---:|" * (len(columns) + 1),

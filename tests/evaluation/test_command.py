@@ -145,7 +145,7 @@ def test_without_collider_pins_or_arms_the_rest_is_measured(pair, scene, tmp_pat
 
 def test_result_is_plain_json_and_every_number_has_its_unit(result):
     json.dumps(result, allow_nan=False)
-    plain = ("sted", "_ratio", "_edges", "sted_spatial", "sted_temporal")
+    plain = ("_per_s", "sted", "_ratio", "_edges", "sted_spatial", "sted_temporal")
     for name in result["metrics"]:
         assert name.endswith(("_cm", "_mm", "_percent", "_cm2", *plain)), name
 
@@ -166,6 +166,32 @@ def test_table_has_a_row_a_clip_and_the_mean(result):
         mean_metrics([])
     with pytest.raises(ValueError, match="every=0"):
         evaluate_files(result["prediction"], result["truth"], every=0)
+
+
+def test_a_second_simulation_says_which_frames_are_determined(pair, result, scene, tmp_path):
+    with open_sequence(pair[1]) as clip:
+        motion, V = clip.motion, clip.read(0, clip.frames)
+    V[25:, :, 1] -= 0.02  # from frame 25 on, 2 cm lower
+    again = _write(tmp_path / "again.h5", scene, motion, V)
+    found = evaluate_files(*pair, every=5, again=again)
+    error, metrics = np.array(result["per_frame"]["rmse_cm"]), found["metrics"]
+    assert metrics["determined_percent"] == pytest.approx(100 * 25 / FRAMES)
+    assert metrics["determined_rmse_cm"] == pytest.approx(np.sqrt((error[:25] ** 2).mean()))
+    assert metrics["parted_error_ratio"] == pytest.approx(np.sqrt((error[25:] ** 2).mean()) / 2, rel=1e-4)
+    assert result["metrics"].items() <= metrics.items()
+    assert format_table(found).splitlines()[0].split("|")[3].strip() == "determined %"
+    other = make_motion(scene, FRAMES, seed=5)
+    with pytest.raises(ValueError, match=r"the motions of .*again.h5 and .*truth.h5 differ at frame"):
+        evaluate_files(*pair, again=_write(tmp_path / "again.h5", scene, other, V))
+
+
+def test_speed_is_that_of_the_vertices_past_the_root(pair, result):
+    V = _vertices(pair[0])
+    with open_sequence(pair[0]) as clip:
+        each = 100 * clip.fps * np.linalg.norm(np.diff(V, axis=0), axis=-1)
+    assert result["metrics"]["speed_mean_cm_per_s"] == pytest.approx(each.mean(), rel=1e-4)
+    top = np.percentile(each, 99, axis=1).mean()
+    assert result["metrics"]["speed_p99_cm_per_s"] == pytest.approx(top, rel=1e-4)
 
 
 def test_progress_counts_frames_to_the_end(pair):
