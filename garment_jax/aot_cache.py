@@ -71,6 +71,25 @@ class ProgramStore:
         self._hits = None if self._folder is None else _CacheHits()
         # two: one traces under Python's lock while XLA compiles the other
         self._pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="compile")
+        self._begun: dict[str, Future] = {}  # by file name
+        self._list: Path | None = None
+        self._listed: list[str] = []
+        self._used: list[str] = []
+
+    def read_ahead(self, purpose: str) -> None:
+        """Begin to read the programs that were used for the same `purpose` last time.
+
+        A large one takes two seconds, mostly outside Python's lock: as long as what comes before it is asked
+        for, the rest of the imports and a scene's tables. What is asked for in the end decides, not the list.
+        """
+        if self._folder is None:
+            return
+        text = f"{purpose}\n{surroundings()}"  # programs of another version are never opened
+        self._list = self._folder / f"last-{hashlib.sha256(text.encode()).hexdigest()[:32]}.txt"
+        with suppress(OSError, UnicodeError):
+            self._listed = self._list.read_text(encoding="utf-8").split()
+        for name in self._listed:
+            self._begun[name] = self._pool.submit(_read, self._folder / Path(name).name)
 
     def program(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> "Program":
         """Return the program of `jitted` for `arguments` (arrays, or their shapes), being built.
@@ -87,7 +106,9 @@ class ProgramStore:
         if self._folder is None or self._hits is None:
             return _compiled(jitted.lower(*arguments))
         path = self._folder / f"{name}-{_key(arguments, facts)}.program"
-        known = _read(path)
+        begun = self._begun.pop(path.name, None)
+        known = _read(path) if begun is None else begun.result()
+        self._note(path.name)
         if known is not None:
             return known
         lowered, before = jitted.lower(*arguments), self._hits.count()
@@ -95,6 +116,16 @@ class ProgramStore:
         if self._hits.count() == before:
             _write(path, compiled, shapes)
         return compiled, shapes
+
+    def _note(self, name: str) -> None:
+        """Keep the name of a program that is used, for `read_ahead`."""
+        self._used.append(name)
+        if self._list is not None and name not in self._listed:
+            self._listed = list(self._used)
+            with suppress(OSError):  # a full disk: the next start reads it when it is asked for
+                with replaced(self._list) as (made,):
+                    made.write_text("\n".join(self._listed), encoding="utf-8")
+                _only_newest(self._list.parent, "last-*.txt", _KEPT)
 
 
 class Program:
@@ -153,9 +184,12 @@ def _used(entry: str) -> str:
 
 
 def _only_newest(folder: Path, pattern: str, kept: int) -> None:
-    """Remove all but the newest folders of a pattern: those of older versions."""
+    """Remove all but the newest files or folders of a pattern: those of older versions, or long not used."""
     for old in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)[:-kept]:
-        shutil.rmtree(old, ignore_errors=True)
+        if old.is_dir():
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            old.unlink(missing_ok=True)
 
 
 def shapes_of(tree: Any) -> Any:
@@ -230,6 +264,4 @@ def _write(path: Path, compiled: Any, shapes: Any) -> None:
     with suppress(Exception):  # a full disk, or a program that cannot be kept: the next start compiles again
         with replaced(path) as (made,):
             made.write_bytes(pickle.dumps((*serialize(compiled), shapes)))
-        kept = sorted(path.parent.glob("*.program"), key=lambda p: p.stat().st_mtime)
-        for old in kept[:-_KEPT]:
-            old.unlink(missing_ok=True)
+        _only_newest(path.parent, "*.program", _KEPT)

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from garment_jax import aot_cache
 from garment_jax.aot_cache import CACHE_VARIABLE, ProgramStore, _mend, cache_folder, shapes_of, usable
 
 
@@ -53,6 +54,46 @@ def test_a_second_run_neither_traces_nor_compiles(tmp_path: Path):
     for made in (first, again):
         np.testing.assert_array_equal(made["sum"], X.sum(axis=1))
         np.testing.assert_array_equal(made["twice"], 2 * X)
+
+
+def test_what_the_last_run_used_is_read_before_it_is_asked_for(tmp_path: Path, monkeypatch):
+    log: list[int] = []
+
+    def start(purpose: str) -> ProgramStore:
+        store = ProgramStore(tmp_path)
+        store.read_ahead(purpose)
+        return store
+
+    def answer(store: ProgramStore, name: str = "double") -> np.ndarray:
+        return store.program(name, traced(log), shapes_of(({"x": X},)), {})({"x": X})["sum"]
+
+    first = start("dance")
+    answer(first)
+    read: list[str] = []
+    monkeypatch.setattr(
+        aot_cache, "_read", lambda path, known=aot_cache._read: read.append(path.name) or known(path)
+    )
+    again = start("dance")
+    for begun in list(again._begun.values()):
+        begun.result()
+    assert [name.partition("-")[0] for name in read] == ["double"]
+    np.testing.assert_array_equal(answer(again), X.sum(axis=1))
+    assert len(read) == len(log) == 1  # neither read twice nor made again
+    answer(again, "other")
+    assert len(start("dance")._begun) == 2
+    assert not start("walk")._begun
+
+
+def test_a_damaged_list_or_program_in_it_costs_nothing_but_time(tmp_path: Path):
+    log: list[int] = []
+    for spoil in (b"", b"\xff\xfe", b"../../etc/passwd nothing.program"):
+        for path in tmp_path.glob("last-*.txt"):
+            path.write_bytes(spoil)
+        store = ProgramStore(tmp_path)
+        store.read_ahead("dance")
+        made = store.program("double", traced(log), shapes_of(({"x": X},)), {})({"x": X})
+        np.testing.assert_array_equal(made["sum"], X.sum(axis=1))
+    assert len(log) == 1
 
 
 def test_other_facts_are_another_program(tmp_path: Path):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from garment_jax.api.opened import Opened, open_model, read_once
+from garment_jax.api.opened import Opened, Wanted, open_model, read_once
 from garment_jax.body.carried import Carried, carried_points
 from garment_jax.body.seeds import Seeds
 from garment_jax.config import Config
@@ -56,7 +56,7 @@ def load(
         model = gj.load("skirt")
         model.scene.garment.template    # [n, 3] metres
     """
-    opened = open_model(str(model), lengths=lengths)
+    opened = open_model(str(model), Wanted(no_lengths=not lengths))
     trained = read_once(opened, lengths=lengths)
     left_out = {name for name, kept in (("column_rnn", column_rnn), ("detail", detail)) if not kept}
     if left_out & set(trained.params):

@@ -37,16 +37,18 @@ class Opened(NamedTuple):
     animators: "dict[tuple, Animator]"  # by scene and plan, see `animation.animate`
 
 
-def open_model(model: str, *, lengths: bool = True) -> Opened:
+def open_model(model: str, asked: Wanted | None = None) -> Opened:
     """Open a run of `train.py`, a model's folder or a shipped model by its name; parameters come later.
 
-    `lengths` off leaves edges as the networks have them. Raises `ValueError` or `OSError` in one sentence.
+    `asked`: what is going to run, all by default. Raises `ValueError` or `OSError` in one sentence.
     """
     from garment_jax.aot_cache import warm_start
     from garment_jax.model.shipped import find_model
 
-    path = str(find_model(model))
+    asked = asked or Wanted()
+    path, lengths = str(find_model(model)), not asked.no_lengths
     here = warm_start()
+    here.store.read_ahead(f"{Path(path).resolve()} {asked}")  # beside the imports that follow
     facts, whole = _facts(path)
     if not lengths:
         facts = _without_lengths(facts)

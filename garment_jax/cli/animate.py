@@ -98,7 +98,7 @@ def _animate(
     from garment_jax.model.scene_file import read_sample
 
     asked, own = wanted(options), motion_options(options)
-    opened = open_model(str(folder), lengths=not asked.no_lengths)
+    opened = open_model(str(folder), asked)
     sample = read_sample(folder)
     left_out = LeftOut(len(outputs))
     for output in outputs:

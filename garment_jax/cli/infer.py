@@ -47,5 +47,5 @@ def infer(*, model: str, motion: str, out: str | None, **options: Any) -> Iterat
     if out is not None:
         check_animation_out(Path(out), Path(motion))  # before minutes of measuring
     asked = Wanted(**options)
-    opened = open_model(model, lengths=not asked.no_lengths)
+    opened = open_model(model, asked)
     yield from infer_motion(opened, motion, out, asked)

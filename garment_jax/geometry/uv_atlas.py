@@ -12,6 +12,8 @@ from scipy.ndimage import distance_transform_edt
 from garment_jax.geometry.stencil import Stencil, make_stencil
 from garment_jax.structs import Garment
 
+AT_ONCE = 1_000_000  # texels in the bounding boxes of triangles, which take some 100 MB
+
 
 class UvAtlas(NamedTuple):
     """Precomputed gathers between vertices and UV maps (static; paper 3.2)."""
@@ -64,25 +66,41 @@ def _reader(garment: Garment, position: np.ndarray, shape: tuple[int, int]) -> S
 def _rasterise(
     position: np.ndarray, faces_uv: np.ndarray, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the triangle (-1 outside) and the barycentric weights of every texel centre."""
-    triangle = np.full(shape, -1, np.int64)
-    weight = np.zeros((*shape, 3))
-    for f, (a, b, c) in enumerate(position[faces_uv]):
-        low = np.maximum(np.ceil(np.minimum(np.minimum(a, b), c) - 1e-6), 0).astype(int)
-        high = np.minimum(np.floor(np.maximum(np.maximum(a, b), c) + 1e-6), np.array(shape[::-1]) - 1).astype(
-            int
-        )
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if (high < low).any() or abs(area) < 1e-12:
-            continue
-        x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
-        wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
-        wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
-        w = np.stack([1 - wb - wc, wb, wc], axis=-1)
+    """Return the triangle (-1 outside) and the barycentric weights of every texel centre.
+
+    Where charts overlap, and at an edge, the last triangle has the texel.
+    """
+    corners = position[faces_uv]  # [f, 3, 2]
+    low = np.maximum(np.ceil(corners.min(axis=1) - 1e-6), 0).astype(int)
+    high = np.minimum(np.floor(corners.max(axis=1) + 1e-6), np.array(shape[::-1]) - 1).astype(int)
+    extent = np.maximum(high - low + 1, 0)
+    texels = extent.prod(axis=1)
+    triangle, weight = np.full(shape, -1, np.int64), np.zeros((*shape, 3))
+    for faces in np.split(np.arange(len(texels)), _batches(texels)):
+        row = np.repeat(faces, texels[faces])
+        place = np.arange(len(row)) - np.repeat(np.cumsum(texels[faces]) - texels[faces], texels[faces])
+        y, x = np.divmod(place, extent[row, 0])
+        x, y = x + low[row, 0], y + low[row, 1]
+        w = _barycentric(corners, row, x, y)
         inside = w.min(axis=-1) >= -1e-6
-        triangle[y[inside], x[inside]] = f
+        triangle[y[inside], x[inside]] = row[inside]
         weight[y[inside], x[inside]] = w[inside]
     return triangle, weight
+
+
+def _batches(texels: np.ndarray) -> np.ndarray:
+    """Return where to split triangles, so that few `texels` are looked at at once, or one triangle's."""
+    return np.flatnonzero(np.diff(np.cumsum(texels) // AT_ONCE)) + 1
+
+
+def _barycentric(corners: np.ndarray, row: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the weights `[k, 3]` of points in the triangles `row`; -1 where that has no area."""
+    (ax, ay), (bx, by), (cx, cy) = (corners[:, i].T for i in range(3))
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    area = np.where(np.abs(area) < 1e-12, np.nan, area)[row]
+    wb = ((x - ax[row]) * (cy - ay)[row] - (y - ay[row]) * (cx - ax)[row]) / area
+    wc = ((bx - ax)[row] * (y - ay[row]) - (by - ay)[row] * (x - ax[row])) / area
+    return np.nan_to_num(np.stack([1 - wb - wc, wb, wc], axis=-1), nan=-1.0)
 
 
 def _bilinear(position: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

@@ -88,3 +88,30 @@ def test_an_unused_vertex_is_refused_by_number():
     template = np.concatenate([GARMENT.template, [[0, 1, 0]]]).astype(np.float32)
     with pytest.raises(ValueError, match=f"vertex {len(GARMENT.template)} belongs to no triangle"):
         make_atlas(GARMENT._replace(template=template), 16)
+
+
+def _turn(a, b):
+    return a[0] * b[..., 1] - a[1] * b[..., 0]
+
+
+def test_charts_that_overlap_give_a_texel_to_the_last_in_batches_of_any_size(monkeypatch):
+    rng = np.random.default_rng(0)
+    uv = rng.random((39, 2)).astype(np.float32)
+    faces_uv = np.concatenate([rng.permutation(39).reshape(-1, 3) for _ in range(3)]).astype(np.int32)
+    garment = Garment(rng.random((39, 3)).astype(np.float32), faces_uv, uv, faces_uv)
+    whole = make_atlas(garment, 24)
+    row, column = np.divmod(np.arange(24 * 24), 24)
+    seen = np.full(24 * 24, -1)
+    for f, (a, b, c) in enumerate(uv[faces_uv].astype(float) * 23):  # by the sides of the edges
+        p = np.stack([column, row], axis=1)
+        turns = np.array([_turn(q - o, p - o) for o, q in ((a, b), (b, c), (c, a))])
+        turns *= np.sign(_turn(b - a, c - a))
+        seen[(turns >= -1e-6).all(axis=0)] = f
+    np.testing.assert_array_equal(whole.coverage.ravel(), seen >= 0)
+    inside = np.flatnonzero(seen >= 0)
+    for texel in inside:
+        read = whole.to_map.index[texel][whole.to_map.weight[texel] > 1e-6]
+        assert set(read) <= set(faces_uv[seen[texel]])
+    monkeypatch.setattr("garment_jax.geometry.uv_atlas.AT_ONCE", 7)
+    for a, b in zip(whole.to_map, make_atlas(garment, 24).to_map, strict=True):
+        np.testing.assert_array_equal(a, b)
