@@ -16,7 +16,7 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
@@ -91,26 +91,61 @@ class ProgramStore:
         for name in self._listed:
             self._begun[name] = self._pool.submit(_read, self._folder / Path(name).name)
 
-    def program(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> "Program":
+    def program(
+        self,
+        name: str,
+        jitted: Any,
+        arguments: tuple,
+        facts: Mapping[str, Any],
+        *,
+        gate: "Gate | None" = None,
+    ) -> "Program":
         """Return the program of `jitted` for `arguments` (arrays, or their shapes), being built.
 
-        `facts` say everything else that its result depends on (what `jitted` closes over).
+        `facts` say everything else that its result depends on (what `jitted` closes over). Where it has to be
+        compiled, that begins when `gate` is open.
         """
-        return Program(self._pool.submit(self._built, name, jitted, arguments, facts))
+        return self._begin(lambda: (name, jitted, arguments, facts), gate)
 
     def after(self, earlier: "Program", make: Callable[[Any], tuple[str, Any, tuple, Mapping]]) -> "Program":
         """Return a program whose arguments have the shapes of what `earlier` returns."""
-        return Program(self._pool.submit(lambda: self._built(*make(earlier.result_shapes()))))
+        return self._begin(lambda: make(earlier.result_shapes()))
 
-    def _built(self, name: str, jitted: Any, arguments: tuple, facts: Mapping[str, Any]) -> tuple[Any, Any]:
+    def _begin(
+        self, make: Callable[[], tuple[str, Any, tuple, Mapping]], gate: "Gate | None" = None
+    ) -> "Program":
+        unknown: Future[bool] = Future()  # whether it has to be compiled
+
+        def built() -> tuple[Any, Any]:
+            try:
+                return self._built(*make(), unknown, gate)
+            finally:
+                if not unknown.done():
+                    unknown.set_result(False)
+
+        return Program(self._pool.submit(built), unknown)
+
+    def _built(
+        self,
+        name: str,
+        jitted: Any,
+        arguments: tuple,
+        facts: Mapping[str, Any],
+        unknown: Future[bool],
+        gate: "Gate | None",
+    ) -> tuple[Any, Any]:
         if self._folder is None or self._hits is None:
+            unknown.set_result(True)
             return _compiled(jitted.lower(*arguments))
         path = self._folder / f"{name}-{_key(arguments, facts)}.program"
         begun = self._begun.pop(path.name, None)
         known = _read(path) if begun is None else begun.result()
         self._note(path.name)
+        unknown.set_result(known is None)
         if known is not None:
             return known
+        if gate is not None:
+            gate.wait()
         lowered, before = jitted.lower(*arguments), self._hits.count()
         compiled, shapes = _compiled(lowered)
         if self._hits.count() == before:
@@ -128,14 +163,46 @@ class ProgramStore:
                 _only_newest(self._list.parent, "last-*.txt", _KEPT)
 
 
+class Gate:
+    """What a program waits for before it is compiled."""
+
+    def __init__(self) -> None:
+        self._decided, self._closed = threading.Event(), False
+
+    def open(self) -> None:
+        """Let it be compiled."""
+        self._decided.set()
+
+    def close(self) -> bool:
+        """Give it up, unless the gate is open; return whether it was given up."""
+        self._closed = not self._decided.is_set()
+        self._decided.set()
+        return self._closed
+
+    def wait(self) -> None:
+        """Wait until it is open. Raises `CancelledError` where the program is given up."""
+        self._decided.wait()
+        if self._closed:
+            raise CancelledError
+
+
 class Program:
     """A compiled program that may still be in the making; call it, and it is waited for."""
 
-    def __init__(self, future: Future) -> None:
-        self._future = future
+    def __init__(self, future: Future, unknown: Future[bool]) -> None:
+        self._future, self._unknown = future, unknown
 
     def __call__(self, *arguments: Any) -> Any:
         return self._future.result()[0](*arguments)
+
+    def wait(self) -> None:
+        """Wait until it can be called."""
+        self._future.result()
+
+    @property
+    def compiling(self) -> bool:
+        """Whether it was not kept and is not ready; waits until that is known, a second or two at most."""
+        return self._unknown.result() and not self._future.done()
 
     def result_shapes(self) -> Any:
         """Return the shapes of what it returns."""

@@ -3,19 +3,20 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from garment_jax.animation.frame_method import stream_motion
+from garment_jax.animation.frame_method import FrameMethod, stream_motion
 from garment_jax.animation.network_method import compile_networks, network_method
 from garment_jax.animation.plan import ScenePlan, make_plan
 from garment_jax.animation.stream import Chunk, PostprocessStream
-from garment_jax.aot_cache import ProgramStore
+from garment_jax.aot_cache import Program, ProgramStore
 from garment_jax.body.frame_windows import stretches
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
@@ -35,7 +36,12 @@ from garment_jax.structs import Motion, Scene
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
 
 
-Animator = Callable[..., Iterator[Chunk]]
+class Early(NamedTuple):
+    """What wants to see the first frames while contact handling is compiled."""
+
+    path: Path  # a sequence file, to be written
+    show: Callable[[], None]  # called when it is there
+    frames: int = 64
 
 
 def animate(
@@ -59,6 +65,44 @@ def animate(
     yield from run(motion, preroll=preroll, name=name)
 
 
+class Animator:
+    """What animates motions of one scene; `make_animator` makes it."""
+
+    def __init__(
+        self,
+        model: Model,
+        template: Template,
+        postprocess: PostprocessStream,
+        method: FrameMethod,
+        rollout: Program,
+    ) -> None:
+        self._model, self._template, self._postprocess = model, template, postprocess
+        self._method, self._rollout = method, rollout
+
+    def __call__(self, motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
+        """Yield a motion's chunks, as `animate`."""
+        check_rate(self._model, motion, name)
+        whole = with_preroll(motion, preroll)
+        pieces = self._postprocess(*self._streamed(whole))
+        return _blaming(_without_first(pieces, preroll), self._model, self._template)
+
+    def early(self, motion: Motion, frames: int) -> Iterator[Chunk] | None:
+        """Yield the first `frames` without contact handling; None unless that has to be compiled."""
+        self._rollout.wait()
+        if not self._postprocess.compiling:
+            return None
+        first = Motion(motion.rotations[:frames], motion.root[:frames], motion.fps)
+        return self._postprocess.before_contacts(*self._streamed(first))
+
+    def give_up(self) -> bool:
+        """Do not compile what has not begun to be; return whether that is so, and no frame can be had."""
+        return self._postprocess.gate.close()
+
+    def _streamed(self, motion: Motion) -> tuple[Motion, np.ndarray, np.ndarray, Iterator]:
+        root, yaw = motion.root.astype(np.float64), headings(motion)
+        return motion, root, yaw, stream_motion(self._method, self._rollout, motion)
+
+
 def make_animator(
     model: Model,
     scene: Scene,
@@ -67,14 +111,16 @@ def make_animator(
     collision: bool = True,
     out_of_reach: bool = False,
     store: ProgramStore | None = None,
+    early: bool = False,
     name: str = "the clip",
 ) -> Animator:
-    """Return a function (motion, preroll=0, name="the clip") that yields its chunks as `animate` does.
+    """Return what yields a motion's chunks as `animate` does, called (motion, preroll=0, name="the clip").
 
     Its programs are compiled once, whatever the motions' lengths. `out_of_reach`: a distance bound says that
     the cloth cannot touch the collider (`make_plan`); then collision handling is left out, not even
-    compiled, until a frame leaves the bound. `store` keeps programs between runs. Raises `ValueError` as
-    `animate` does.
+    compiled, until a frame leaves the bound. `store` keeps programs between runs. With `early` contact
+    handling is not compiled before the frames of the first call are asked for, so that those of
+    `Animator.early` are soon there. Raises `ValueError` as `animate` does.
     """
     template, seeds = template_for(model, scene, name)
     programs = store or ProgramStore(None)
@@ -84,6 +130,10 @@ def make_animator(
         "statistics": _digits(model.statistics),
         "detail": detail,
     }
+    # first: frames without contact handling are there long before that is compiled
+    method = network_method(model, scene, template, seeds, detail=detail)
+    rollout = compile_networks(method, model, scene, template, programs=programs, facts=facts)
+
     postprocess = PostprocessStream(
         model.config,
         scene,
@@ -91,18 +141,9 @@ def make_animator(
         collision=collision,
         out_of_reach=out_of_reach,
         programs=programs,
+        early=early,
     )
-    method = network_method(model, scene, template, seeds, detail=detail)
-    rollout = compile_networks(method, model, scene, template, programs=programs, facts=facts)
-
-    def run(motion: Motion, *, preroll: int = 0, name: str = "the clip") -> Iterator[Chunk]:
-        check_rate(model, motion, name)
-        whole = with_preroll(motion, preroll)
-        root, yaw = whole.root.astype(np.float64), headings(whole)
-        pieces = postprocess(whole, root, yaw, stream_motion(method, rollout, whole))
-        return _blaming(_without_first(pieces, preroll), model, template)
-
-    return run
+    return Animator(model, template, postprocess, method, rollout)
 
 
 def _blaming(pieces: Iterator[Chunk], model: Model, template: Template) -> Iterator[Chunk]:
@@ -139,11 +180,13 @@ def animate_file(
     plan: ScenePlan | None = None,
     store: ProgramStore | None = None,
     animators: dict[tuple, Animator] | None = None,
+    early: Early | None = None,
 ) -> dict[str, float]:
     """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
 
     `plan` says what to leave out (`make_plan`; made here if not given). `animators` keeps what is compiled
-    for the next clip of the same model: pass one dictionary for all. Raises `ValueError` where `out` is
+    for the next clip of the same model: pass one dictionary for all. `early` gets the first frames as they
+    are before contact handling, where that has to be compiled. Raises `ValueError` where `out` is
     `clip`, or is there and no prediction, which it would replace, and what `animate` refuses. Progress goes
     to standard error. The file appears when it is whole. Per frame it also holds how far the motion leaves
     the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
@@ -151,7 +194,9 @@ def animate_file(
     """
     check_animation_out(Path(out), Path(clip))
     with open_sequence(clip) as sequence:
-        return _animate_open(model, sequence, Path(out), detail, collision, preroll, plan, store, animators)
+        return _animate_open(
+            model, sequence, Path(out), detail, collision, preroll, plan, store, animators, early
+        )
 
 
 def _animate_open(
@@ -164,6 +209,7 @@ def _animate_open(
     plan: ScenePlan | None,
     store: ProgramStore | None,
     animators: dict[tuple, Animator] | None,
+    early: Early | None,
 ) -> dict[str, float]:
     check_input(sequence, joints=model.config.body.motion_joints)
     clip, scene, motion, name = sequence.path, sequence.scene, sequence.long_motion, sequence.name
@@ -175,11 +221,18 @@ def _animate_open(
     frames, deepest = 0, 0.0
     figures, known = None, 0
     attributes = {"kind": "predicted", "name": name}
-    run = animator_for(model, scene, plan, store, str(clip), {} if animators is None else animators)
-    pieces = run(motion, preroll=preroll, name=str(clip))
-    writer = SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
-    with FrameProgress(name) as progress, writer:
+    made = {} if animators is None else animators
+    run = animator_for(model, scene, plan, store, str(clip), made, early=early is not None)
+    with ExitStack() as stack:
+        stack.callback(_give_up, run, made)  # where it is refused before its first frame
+        pieces = run(motion, preroll=preroll, name=str(clip))
+        progress = stack.enter_context(FrameProgress(name))
+        writer = stack.enter_context(
+            SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
+        )
         progress.say("compiling" + (f", then {preroll} frames of preroll" if preroll else ""))
+        if early is not None:
+            _show_early(run, scene, motion, early)
         for piece in pieces:
             writer.append(piece.V)
             frames, deepest = frames + len(piece.V), max(deepest, float(piece.deepest.max()))
@@ -204,6 +257,27 @@ def _animate_open(
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
 
 
+def _give_up(run: Animator, known: dict[tuple, Animator]) -> None:
+    """Forget an animator whose contact handling was not begun to be compiled, and will not be."""
+    if run.give_up():
+        for key in [key for key, other in known.items() if other is run]:
+            del known[key]
+
+
+def _show_early(run: Animator, scene: Scene, motion: Motion, early: Early) -> None:
+    """Write the first frames as `early` wants them, where contact handling is still being compiled."""
+    chunks = run.early(motion, early.frames)
+    if chunks is None:
+        return
+    first = Motion(motion.rotations[: early.frames], motion.root[: early.frames], motion.fps)
+    with SequenceWriter(
+        early.path, scene, first, encoding="float32", attributes={"kind": "predicted"}
+    ) as made:
+        for piece in chunks:
+            made.append(piece.V)
+    early.show()
+
+
 def animator_for(
     model: Model,
     scene: Scene,
@@ -211,6 +285,8 @@ def animator_for(
     store: ProgramStore | None,
     name: str,
     known: dict[tuple, Animator],
+    *,
+    early: bool = False,
 ) -> Animator:
     """Return what animates `scene` as planned, out of `known` where a clip before had the same."""
     key = (rollout_hash(scene), plan.column_rnn, plan.detail, plan.collision, plan.out_of_reach)
@@ -222,6 +298,7 @@ def animator_for(
             collision=plan.collision or plan.out_of_reach,
             out_of_reach=plan.out_of_reach,
             store=store,
+            early=early,
             name=name,
         )
     return known[key]

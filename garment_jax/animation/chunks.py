@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from garment_jax.aot_cache import Program, ProgramStore
+from garment_jax.aot_cache import Gate, Program, ProgramStore
 
 # XLA on a CPU shares a loop out among threads from some microseconds on. A small garment's are hardly longer:
 # shared out they take a sixth longer, and half as much of the processor again; at 11,000 vertices still a
@@ -62,17 +62,20 @@ def compile_chunks(
     tables: PyTree,
     programs: ProgramStore,
     options: dict[str, str | bool] | None = None,
+    gate: Gate | None = None,
 ) -> ChunkPrograms:
     """Return the programs of a step, being built, for chunks like `V` `[k, n, 3]` and `frames` (shapes).
 
-    `tables`: every number that `init` and `step` close over, by which the programs are kept.
+    `tables`: every number that `init` and `step` close over, by which the programs are kept. `gate` as in
+    `ProgramStore.program`.
     """
     facts = {"tables": _digest(tables)}
 
     def first(leaf: jax.ShapeDtypeStruct) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype)
 
-    begin = programs.program(f"{name}_init", jax.jit(init), jax.tree.map(first, (V, frames)), facts)
+    shapes = jax.tree.map(first, (V, frames))
+    begin = programs.program(f"{name}_init", jax.jit(init), shapes, facts, gate=gate)
     run = scan_frames(step, options)
     return ChunkPrograms(begin, programs.after(begin, lambda state: (name, run, (state, V, frames), facts)))
 

@@ -11,7 +11,7 @@ import numpy as np
 from garment_jax.animation.chunks import ChunkPrograms, compile_chunks, solver_options
 from garment_jax.animation.prefetch import prefetch
 from garment_jax.animation.reach import Reach, beyond_reach, cloth_reach
-from garment_jax.aot_cache import ProgramStore
+from garment_jax.aot_cache import Gate, ProgramStore
 from garment_jax.body.carried import Carried, CarriedPoses, carried_points, pose_carried
 from garment_jax.body.root_frame import from_root
 from garment_jax.config import Config
@@ -57,13 +57,17 @@ class PostprocessStream:
         collision: bool,
         out_of_reach: bool = False,
         programs: ProgramStore | None = None,
+        early: bool = False,
     ) -> None:
-        """Begin to compile. `out_of_reach`, `programs` as in `make_animator`."""
+        """Begin to compile. `out_of_reach`, `programs`, `early` as in `make_animator`."""
         collider = scene.collider if collision else None
         limbs = limbs_for(config, scene) if collision else None
         self._config, self._scene, self._template = config, scene, template
         self._collider, self._limbs, self._programs = collider, limbs, programs or ProgramStore(None)
         self._carried = carried_points(scene, collider=collider is not None, limbs=limbs)
+        self.gate = Gate()  # of contact handling
+        if not early:
+            self.gate.open()
         self._reach: Reach | None = None
         if collider is not None and out_of_reach:
             self._reach = cloth_reach(scene.garment, self._carried.pins)
@@ -80,6 +84,7 @@ class PostprocessStream:
         `root` `[t, 3]` float64 metres and `yaw` `[t]`: of the motion. `pieces`: the first frame and the
         networks' padded chunk `[chunk, n, 3]` (metres, root frames), in their order.
         """
+        self.gate.open()
         state = None
         for frames, posed, V in prefetch(self._shaped(motion, len(root), prefetch(pieces))):
             figures = None
@@ -88,6 +93,18 @@ class PostprocessStream:
                 state = self._contacts.init(V[0], first_of(body)) if state is None else state
                 state, V, figures = self._contacts.run(state, V, body)
             yield _placed(V, figures, posed.pins, self._carried.pins, root[frames], yaw[frames])
+
+    @property
+    def compiling(self) -> bool:
+        """Whether contact handling has to be compiled and is not ready."""
+        return self._collider is not None and self._reach is None and self._contacts.init.compiling
+
+    def before_contacts(
+        self, motion: Motion, root: np.ndarray, yaw: np.ndarray, pieces: Iterator[tuple[int, jax.Array]]
+    ) -> Iterator[Chunk]:
+        """Yield the chunks without contact handling, for a look at them before that is compiled."""
+        for frames, posed, V in prefetch(self._shaped(motion, len(root), pieces)):
+            yield _placed(V, None, posed.pins, self._carried.pins, root[frames], yaw[frames])
 
     def _shaped(
         self, motion: Motion, count: int, pieces: Iterator[tuple[int, jax.Array]]
@@ -117,16 +134,23 @@ class PostprocessStream:
         """The second half, built when a motion first needs it."""
         pins = self._carried.pins
         tables = contact_tables(self._config, self._scene, self._template, pins, self._limbs)
-        return contact_programs(tables, *self._shapes, programs=self._programs)
+        return contact_programs(tables, *self._shapes, programs=self._programs, gate=self.gate)
 
 
 def contact_programs(
-    tables: ContactTables, V: jax.ShapeDtypeStruct, frames: BodyFrame, *, programs: ProgramStore
+    tables: ContactTables,
+    V: jax.ShapeDtypeStruct,
+    frames: BodyFrame,
+    *,
+    programs: ProgramStore,
+    gate: Gate | None = None,
 ) -> ChunkPrograms:
-    """Return `contact_step` compiled for chunks (shapes of `chunk_shapes`)."""
+    """Return `contact_step` compiled for chunks (shapes of `chunk_shapes`); `gate` as in `compile_chunks`."""
     steps = partial(contact_init, tables=tables), partial(contact_step, tables=tables)
     options = solver_options(V.shape[1])
-    return compile_chunks("contacts", *steps, V, frames, tables=tables, programs=programs, options=options)
+    return compile_chunks(
+        "contacts", *steps, V, frames, tables=tables, programs=programs, options=options, gate=gate
+    )
 
 
 def chunk_shapes(

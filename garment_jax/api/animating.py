@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from garment_jax.api.early_page import EarlyPage
 from garment_jax.api.motions import motion_file, moving
 from garment_jax.api.opened import Opened, Wanted, infer_motion
 from garment_jax.api.outputs import Output, plan_outputs
@@ -139,12 +140,15 @@ def write_animation(
     planning: bool = False,
     title: str | None = None,
     say: Callable[[str], None] = lambda line: None,
+    show_early: Callable[[Path], bool] | None = None,
 ) -> list[Path]:
     """Animate one motion, write it as `output` says and return the files; none while only `planning`.
 
-    `own` is what the user says of the motion's file, `say` gets the lines to print. Built in a scratch
-    folder: the files appear when they are whole. Raises `ValueError` or `OSError` in one sentence.
+    `own` is what the user says of the motion's file, `say` gets the lines to print. `show_early` gets a page
+    of the first frames, where contact handling has to be compiled, and returns whether it is open. Built in a
+    scratch folder: the files appear when they are whole. Raises `ValueError` or `OSError` in one sentence.
     """
+    from garment_jax.animation.animate import Early
     from garment_jax.storage.scratch import scratch, unmade
 
     into = output.path.parent
@@ -154,9 +158,14 @@ def write_animation(
             say(note)
         title = title or (output.path.stem if output.motion is None else output.motion.stem)
         made = None if planning else place / f"{title}.animation.h5"
-        for line in infer_motion(opened, moves, made, asked):
+        page = show_early and EarlyPage(place, title, body=shape.body, show=show_early)
+        early = Early(page.sequence, page) if page else None
+        for line in infer_motion(opened, moves, made, asked, early=early):
             say(line.replace(f"{made}: ", f"{title}: "))
-        return [] if made is None else write_as(made, output, shape, place, title=title, force=force)
+        files = [] if made is None else write_as(made, output, shape, place, title=title, force=force)
+        if page and files:
+            page.give_way(files[0])
+        return files
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from garment_jax.animation.animate import Animator
+    from garment_jax.animation.animate import Animator, Early
     from garment_jax.animation.plan import ScenePlan
     from garment_jax.animation.variants import Measured
     from garment_jax.aot_cache import Here
@@ -56,10 +56,17 @@ def open_model(model: str, asked: Wanted | None = None) -> Opened:
     return Opened(path, facts, here, models, {})
 
 
-def infer_motion(opened: Opened, motion: str | Path, out: str | Path | None, asked: Wanted) -> Iterator[str]:
+def infer_motion(
+    opened: Opened,
+    motion: str | Path,
+    out: str | Path | None,
+    asked: Wanted,
+    *,
+    early: "Early | None" = None,
+) -> Iterator[str]:
     """Animate a sequence file's motion into `out` (None: nothing is written) and yield the lines to print.
 
-    Raises `ValueError` or `OSError` in one sentence for what does not fit.
+    `early` as in `animate_file`. Raises `ValueError` or `OSError` in one sentence for what does not fit.
     """
     from garment_jax.animation.animate import animate_file
     from garment_jax.animation.plan import make_plan
@@ -102,6 +109,7 @@ def infer_motion(opened: Opened, motion: str | Path, out: str | Path | None, ask
         plan=scene_plan,
         store=opened.here.store,
         animators=opened.animators if chosen is None else None,
+        early=early,
     )
     rate = figures["frames"] / figures["seconds"]
     took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"

@@ -102,6 +102,8 @@ def _animate(
     sample = read_sample(folder)
     left_out = LeftOut(len(outputs))
     for output in outputs:
+        page = options.out is None and not options.no_open and output.format == "html"
+        open_early: list[Path] = []
         with left_out.reading(output.motion or folder):
             files = write_animation(
                 opened,
@@ -113,18 +115,28 @@ def _animate(
                 force=options.force,
                 planning=planning,
                 say=partial(print, flush=True),
+                show_early=partial(_show_early, open_early) if page and has_screen() else None,
             )
             if files:
-                _end(files, output, opening=options.out is None and not options.no_open)
+                _end(files, output, opening=page and not open_early)
     left_out.check()
+
+
+def _show_early(shown: list[Path], page: Path) -> bool:
+    """Open a page of the first frames, which becomes the finished one; note it in `shown`."""
+    if not open_page(page):
+        return False
+    print("opened in the browser: first frames; contact handling is being compiled, this once", flush=True)
+    shown.append(page)
+    return True
 
 
 def _end(files: Sequence[Path], output: Output, *, opening: bool) -> None:
     """Say what was written and what to do with it; open a page."""
     size = sum(p.stat().st_size for file in files for p in ([file] if file.is_file() else file.rglob("*")))
     print(f"{', '.join(map(str, files))}: {size / 1e6:.1f} MB; next: {NEXT[output.format]}", flush=True)
-    if output.format == "html" and opening:
-        open_page(files[0])
+    if opening and open_page(files[0]):
+        print("opened in the browser (--no-open leaves that out)", flush=True)
 
 
 def motion_options(options: argparse.Namespace) -> "Options":
@@ -148,8 +160,12 @@ def motion_options(options: argparse.Namespace) -> "Options":
     )
 
 
-def open_page(page: Path) -> None:
-    """Open a page in the user's browser, where there is a screen."""
-    screen = sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    if screen and webbrowser.open(page.resolve().as_uri()):
-        print("opened in the browser (--no-open leaves that out)", flush=True)
+def has_screen() -> bool:
+    """Return whether there is one that a browser could be on."""
+    shown = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+    return sys.platform in ("win32", "darwin") or shown
+
+
+def open_page(page: Path) -> bool:
+    """Open a page in the user's browser, where there is a screen; return whether it did."""
+    return has_screen() and webbrowser.open(page.resolve().as_uri())
