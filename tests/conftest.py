@@ -65,13 +65,13 @@ def programs_built_once(run_folder: Path) -> Iterator[None]:
     known: dict[tuple[str, str], tuple] = {}
     build, kept = aot_cache.ProgramStore._built, aot_cache.ProgramStore(run_folder / "programs")
 
-    def built(store, name: str, jitted, arguments: tuple, facts):
+    def built(store, name: str, jitted, arguments: tuple, facts, *asked):
         shared = facts and name.startswith(("rollout", "shape", "contacts"))  # without facts it has no name
         if store._folder is not None or not shared:
-            return build(store, name, jitted, arguments, facts)
+            return build(store, name, jitted, arguments, facts, *asked)
         key = name, aot_cache._key(arguments, facts)
         if key not in known:
-            known[key] = build(kept, name, jitted, arguments, facts)
+            known[key] = build(kept, name, jitted, arguments, facts, *asked)
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from pathlib import Path
 
 import jax
@@ -9,7 +10,16 @@ import numpy as np
 import pytest
 
 from garment_jax import aot_cache
-from garment_jax.aot_cache import CACHE_VARIABLE, ProgramStore, _mend, cache_folder, shapes_of, usable
+from garment_jax.aot_cache import (
+    CACHE_VARIABLE,
+    Gate,
+    Program,
+    ProgramStore,
+    _mend,
+    cache_folder,
+    shapes_of,
+    usable,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -94,6 +104,40 @@ def test_a_damaged_list_or_program_in_it_costs_nothing_but_time(tmp_path: Path):
         made = store.program("double", traced(log), shapes_of(({"x": X},)), {})({"x": X})
         np.testing.assert_array_equal(made["sum"], X.sum(axis=1))
     assert len(log) == 1
+
+
+def test_a_program_waits_at_its_gate_only_where_it_has_to_be_compiled(tmp_path: Path):
+    log: list[int] = []
+
+    def begun(gate: Gate) -> Program:
+        store = ProgramStore(tmp_path)
+        return store.program("double", traced(log), shapes_of(({"x": X},)), {}, gate=gate)
+
+    gate = Gate()
+    program = begun(gate)
+    assert program.compiling
+    assert not log
+    gate.open()
+    np.testing.assert_array_equal(program({"x": X})["sum"], X.sum(axis=1))
+    assert not program.compiling
+    assert not gate.close()  # what was let through is not given up
+    kept = begun(Gate())
+    assert not kept.compiling
+    np.testing.assert_array_equal(kept({"x": X})["twice"], 2 * X)
+    assert len(log) == 1
+
+
+def test_what_is_given_up_is_not_compiled_and_nobody_waits(tmp_path: Path):
+    log: list[int] = []
+    gate, store = Gate(), ProgramStore(tmp_path)
+    program = store.program("double", traced(log), shapes_of(({"x": X},)), {}, gate=gate)
+    after = store.after(program, lambda out: ("more", jax.jit(lambda y: y), (out,), {}))
+    assert gate.close()
+    for given_up in (program, after):
+        with pytest.raises(CancelledError):
+            given_up.wait()
+        assert not given_up.compiling
+    assert not log
 
 
 def test_other_facts_are_another_program(tmp_path: Path):

@@ -13,7 +13,8 @@ import pytest
 
 from garment_jax import progress
 from garment_jax.animation import network_method
-from garment_jax.animation.animate import animate, animate_file, training_range
+from garment_jax.animation.animate import Early, animate, animate_file, make_animator, training_range
+from garment_jax.aot_cache import ProgramStore
 from garment_jax.body import frame_windows
 from garment_jax.body.kinematics import joint_positions, pose_points
 from garment_jax.body.preroll import with_preroll
@@ -57,6 +58,33 @@ def test_pins_are_the_bodys_and_the_rest_is_the_rollout_in_the_world():
         state = shape_init(jnp.asarray(V_f), body, tables=tables) if state is None else state
         state, made, _ = one(state, jnp.asarray(V_f, jnp.float32), body)
         np.testing.assert_allclose(expected, made, atol=1e-5)
+
+
+def test_the_first_frames_are_there_before_contact_handling_is_compiled(tmp_path: Path):
+    motion, model = make_motion(SCENE, 20), tiny_model()
+    run = make_animator(model, SCENE, store=ProgramStore(tmp_path), early=True)
+    chunks = run.early(motion, 18)
+    assert chunks is not None
+    first = [chunk.V for chunk in chunks]
+    assert [len(V) for V in first] == [16, 2]
+    np.testing.assert_array_equal(np.concatenate(first), frames_of(model, motion)[:18])
+    assert run.give_up()  # nobody asked for the others
+    assert [path.name for path in tmp_path.glob("contacts*")] == []
+    free = make_animator(model, SCENE, collision=False, store=ProgramStore(tmp_path), early=True)
+    assert free.early(motion, 18) is None
+
+
+def test_a_refused_motion_does_not_keep_the_next_from_an_animator(tmp_path: Path):
+    good = write_clip(tmp_path / "good.h5", frames=4, scene=SCENE)
+    bad = write_clip(tmp_path / "bad.h5", scene=SCENE, motion=make_motion(SCENE, 4)._replace(fps=47.0))
+    early = Early(tmp_path / "early.h5", lambda: None)
+    known: dict = {}
+    with pytest.raises(ValueError, match="fps"):
+        animate_file(tiny_model(), bad, tmp_path / "made.h5", animators=known, early=early)
+    assert not known
+    assert not (tmp_path / "made.h5").exists()
+    animate_file(tiny_model(), good, tmp_path / "made.h5", collision=False, animators=known, early=early)
+    assert len(known) == 1
 
 
 def test_moving_100_m_and_turning_137_degrees_changes_less_than_a_tenth_of_a_millimetre():
