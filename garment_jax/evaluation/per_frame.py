@@ -94,7 +94,7 @@ def sampled_frames(
         v, v_star = V[frame - start], V_star[frame - start]
         row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
         for prefix, x in (("", v), ("truth_", v_star)):
-            row[f"{prefix}silhouette_cm2"] = silhouette_cm2(x, tables.faces, yaw[frame - start])
+            row[f"{prefix}silhouette_cm2"] = silhouette_cm2(x, tables.faces, float(yaw[frame - start]))
             row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
             row |= {prefix + name: value for name, value in _inside(x, held, *solids).items()}
         for name, value in row.items():
