@@ -38,6 +38,7 @@ from garment_jax.training.pipeline import train, trained_model
 
 CONFIG, CLIPS, RUN, PINS = "config.toml", "clips", "run", "pins.png"  # in the work folder
 FEWEST_CLIPS = 2  # to learn from
+LEAST_TRAINED = 0.5  # of the time meant for training, where simulating took longer than was measured
 CALIBRATING = 90.0  # seconds that compiling all stages takes, about; for the time left alone
 
 
@@ -196,8 +197,8 @@ class _Work:
             plan = self.file.plan
             assert plan.seconds_per_step is not None
             assert plan.overhead_seconds is not None
-            used = sum(plan.seconds.values())
-            rest = 60.0 * wanted.minutes - used - self.shares.measuring - plan.overhead_seconds
+            rest = 60.0 * wanted.minutes - sum(plan.seconds.values()) - self.shares.measuring
+            rest = max(rest, LEAST_TRAINED * seconds) - plan.overhead_seconds
             steps = steps_within(max(rest, 0.0), plan.seconds_per_step)
             config = config_for(given.scene, steps, seconds=seconds, seed=wanted.seed)
             write_text(self.work / CONFIG, to_toml(config))
