@@ -74,10 +74,10 @@ skirt: setup
 judge: setup
 	mkdir -p $(PREDICTIONS)
 	set -e; for clip in $(IMPORTED)/test/*.h5; do \
-	  $(BIN)/python infer.py $(MODEL) --motion $$clip --out $(PREDICTIONS)/$$(basename $$clip); \
+	  $(BIN)/python infer.py $(MODEL) --motion $$clip --out $(PREDICTIONS)/$$(basename $$clip) --force; \
 	done
-	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json
-	$(BIN)/garment-jax render $(PREDICTIONS) $(IMPORTED)/test --out $(RUN)/pictures
+	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json --force
+	$(BIN)/garment-jax render $(PREDICTIONS) $(IMPORTED)/test --out $(RUN)/pictures --force
 
 docs-check: setup
 	$(BIN)/python -m tests.docs_check.run

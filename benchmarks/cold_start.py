@@ -52,7 +52,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        words = [options.model, "--motion", options.clip, "--out", f"{folder}/out.h5"]
+        words = [options.model, "--motion", options.clip, "--out", f"{folder}/out.h5", "--force"]
         words += [] if options.collision else ["--no-collision"]
         subprocess.run([sys.executable, str(ROOT / "infer.py"), "--help"], capture_output=True, check=True)
         code = "import garment_jax.cli.infer, garment_jax.animation.animate"

@@ -57,25 +57,22 @@ def test_evaluate_never_writes_over_what_it_reads(tmp_path: Path, capsys):
     assert path.read_bytes() == before
 
 
-def test_evaluate_replaces_its_own_figures_alone(tmp_path: Path, monkeypatch, capsys):
+def test_evaluate_replaces_figures_with_force_alone(tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_clip("p.h5", 6)
-    others = {
-        "config.json": '{"metrics": 1}',
-        "empty.json": "[]",
-        "no.json": "v 0 0 0",
-        "skirt.obj": "v 0 0 0",
-    }
-    for name, text in others.items():
-        Path(name).write_text(text)
-        assert main(["evaluate", "p.h5", "p.h5", "--out", name]) == 2
-        reason = "does not end in .json" if name == "skirt.obj" else f"{name} is there and evaluate did not"
+    words = ["evaluate", "p.h5", "p.h5", "--every", "6", "--out"]
+    for name, reason in (
+        ("a.json", "a.json is there already; --force"),
+        ("b.obj", "end in .json"),
+    ):
+        Path(name).write_text("mine")
+        assert main([*words, name]) == 2
         assert reason in capsys.readouterr().err
-        assert Path(name).read_text() == text
-    assert main(["evaluate", "p.h5", "p.h5", "--out", "a" * 300 + ".json"]) == 2
+        assert Path(name).read_text() == "mine"
+    assert main([*words, "a" * 300 + ".json"]) == 2
     assert "is a name of 305 bytes, more than 255; give a shorter one." in capsys.readouterr().err
-    for _ in range(2):
-        assert main(["evaluate", "p.h5", "p.h5", "--every", "6", "--out", "new.json"]) == 0
+    assert main([*words, "a.json", "--force"]) == 0
+    assert json.loads(Path("a.json").read_text())["frames"] == 6
 
 
 def test_a_second_simulation_does_not_replace_the_first(tmp_path: Path, capsys):
@@ -139,7 +136,7 @@ def test_an_output_has_a_name_where_none_is_given(tmp_path: Path, monkeypatch, c
         assert main([words[0], "clip.h5", *words[1:]]) == 0
     made = {"clip_collided.h5", "clip.html", "clip.npz", "pictures"}
     assert {path.name for path in tmp_path.iterdir()} == {"clip.h5", *made}
-    assert "next: garment-jax view clip.h5 clip_collided.h5" in capsys.readouterr().out
+    assert "next: garment-jax view clip.h5 clip_collided.h5" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

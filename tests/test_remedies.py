@@ -37,6 +37,11 @@ def words_of(node: ast.AST) -> str | None:
     return None
 
 
+def is_next(node: ast.AST) -> bool:
+    """Whether a node calls `say_next` with the words of a command."""
+    return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "say_next"
+
+
 @cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
@@ -52,6 +57,8 @@ def sentences(path: Path) -> tuple[tuple[int, str], ...]:
             skipped.add(id(node.value))
         if isinstance(node, ast.JoinedStr):
             skipped |= {id(value) for value in node.values}
+        if is_next(node):  # a command line, which is parsed whole
+            skipped |= {id(part) for part in ast.walk(node)}
     for node in ast.walk(tree):
         if (words := words_of(node)) is not None and id(node) not in skipped:
             found.append((node.lineno, words))  # type: ignore[attr-defined]
@@ -169,6 +176,33 @@ def test_options_in_sentences_exist(module: Path) -> None:
         for option in BUILT.findall(words):
             form = re.escape(option.rstrip("-")).replace(r"\{\}", r"[\w-]+")
             assert any(re.fullmatch(form, one) for one in known), f"{module.name}:{line}: --{option}"
+
+
+NEXT = [(path, node) for path in MODULES for node in ast.walk(parsed(path)) if is_next(node)]
+
+
+@pytest.mark.parametrize(("module", "call"), NEXT, ids=lambda part: getattr(part, "stem", ""))
+def test_what_to_do_next_is_a_command(module: Path, call: ast.Call) -> None:
+    """With a name for each value; of lists that may be empty, with none or one."""
+
+    def words(of_a_list: list[str]) -> list[str]:
+        parts = ((of_a_list if isinstance(arg, ast.Starred) else [words_of(arg) or "x"]) for arg in call.args)
+        return [word for part in parts for word in part]
+
+    command, named = (*words([]), "x")[:2]
+    assert command != "train" or named == "x" or (ROOT / f"configs/{named}.toml").is_file()
+    wrong = []
+    for of_a_list in ([], ["x"]):
+        try:
+            make_parser().parse_args(words(of_a_list))
+        except SystemExit:
+            wrong.append(words(of_a_list))
+    assert len(wrong) < 2, f"{module.name}:{call.lineno}: {wrong[0]}"
+
+
+def test_commands_say_what_to_do_next() -> None:
+    said = {module.stem for module, _ in NEXT}
+    assert {"import_", "evaluate", "render", "simulate", "validate", "train", "save", "learn"} <= said
 
 
 @pytest.mark.parametrize("script", ["infer.py", "train.py"])

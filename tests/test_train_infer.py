@@ -108,7 +108,7 @@ def test_infer_refuses_in_a_sentence(tmp_path: Path, model, clip, monkeypatch, c
         ([model, "--motion", other, "--out", out], "112 vertices and the model was trained on 128"),
         ([model, "--motion", fast, "--out", out], "60 fps and the model was trained at 30"),
         ([model, "--motion", clip, "--out", clip], "holds the motion itself"),
-        ([model, "--motion", clip, "--out", other], "other.h5 is there and neither infer.py nor collide"),
+        ([model, "--motion", clip, "--out", other], "other.h5 is there already; --force replaces it"),
         ([model, "--motion", clip, "--out", "."], ". is a folder; name a sequence file"),
         (["nowhere", "--motion", clip, "--out", ".", "--budget-ms", "1"], ". is a folder; name a sequence"),
         ([model, "--motion", clip, "--out", "a" * 300], "is a name of 300 bytes, more than 255"),

@@ -187,7 +187,7 @@ def animate_file(
     `plan` says what to leave out (`make_plan`; made here if not given). `animators` keeps what is compiled
     for the next clip of the same model: pass one dictionary for all. `early` gets the first frames as they
     are before contact handling, where that has to be compiled. Raises `ValueError` where `out` is
-    `clip`, or is there and no prediction, which it would replace, and what `animate` refuses. Progress goes
+    `clip`, and what `animate` refuses; replaces what is there. Progress goes
     to standard error. The file appears when it is whole. Per frame it also holds how far the motion leaves
     the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
     (`extra/collision_...`, see `docs/collision.md`).

@@ -16,7 +16,7 @@ from garment_jax.body.root_frame import from_root, heading, to_root
 from garment_jax.config import CollisionConfig
 from garment_jax.dataset.lanes import repeated_last
 from garment_jax.geometry.laplacian import uniform_table
-from garment_jax.io.overwrite_checks import COLLIDED, check_prediction_out
+from garment_jax.io.overwrite_checks import COLLIDED, check_sequence_name
 from garment_jax.io.sequence import DEFAULT_SCALE, Sequence, SequenceWriter, open_sequence
 from garment_jax.io.validation import check_input
 from garment_jax.postprocess.collision.options import CollisionOptions
@@ -25,6 +25,7 @@ from garment_jax.postprocess.collision.solid import Solid, solid_for
 from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
 from garment_jax.postprocess.tables import make_contact_tables
 from garment_jax.progress import FrameProgress
+from garment_jax.storage.overwriting import check_free
 
 WINDOW = 64  # frames in memory at a time, and in one compiled piece
 LARGEST_EPS = 0.1  # metres; farther out a garment is a balloon
@@ -48,6 +49,7 @@ def collide_file(
     eps: float = CollisionConfig.eps,
     iterations: int = CollisionConfig.iterations,
     limbs: bool = CollisionConfig.limbs,
+    force: bool = False,
     store: ProgramStore | None = None,
 ) -> Report:
     """Resolve the collisions of the sequence file `path`, write the sequence file `out`, report.
@@ -58,10 +60,10 @@ def collide_file(
     `limbs` what a limb has passed through is put back on its side first (`undo_crossings`). Pinned vertices
     stay where the sequence has them. Attributes, encoding and per-frame data are kept;
     `extra/collision_...` are added. `store` keeps the compiled program between runs. Raises `ValueError` or
-    `OSError` in one sentence; so for an `out` that is there and neither predicted nor written here.
+    `OSError` in one sentence; so for an `out` that is there, without `force`.
     """
     _check_settings(eps, iterations)
-    _check_paths(Path(path), Path(out), body)
+    _check_paths(Path(path), Path(out), body, force)
     began = time.perf_counter()
     with open_sequence(path) as sequence:
         check_input(sequence)
@@ -128,11 +130,12 @@ def _check_settings(eps: float, iterations: int) -> None:
         )
 
 
-def _check_paths(path: Path, out: Path, body: str | Path | None) -> None:
+def _check_paths(path: Path, out: Path, body: str | Path | None, force: bool) -> None:
     for given in (path, body):
         if given is not None and out.resolve() == Path(given).resolve():
             raise ValueError(f"--out {out} is what is read, {given}; write to another file.")
-    check_prediction_out(out)
+    check_sequence_name(out)
+    check_free(out, force)
 
 
 def _kept_columns(sequence: Sequence) -> dict[str, np.ndarray]:

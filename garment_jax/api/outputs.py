@@ -1,10 +1,12 @@
 """What an animation is written as, by the name of the output: which file, and whether it may be written."""
 
-import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+from garment_jax.exporters.cache_files import cache_files
+from garment_jax.storage.overwriting import check_free
 
 ENDINGS = {  # of each format; the first is what a name gets that is made here
     "html": (".html", ".htm"),
@@ -21,7 +23,6 @@ ENDINGS = {  # of each format; the first is what a name gets that is made here
     "gif": (".gif",),
     "png": (".png",),
 }
-_OBJ_FRAME = re.compile(r"(garment|body)_\d+\.obj")
 
 
 class Output(NamedTuple):
@@ -85,29 +86,12 @@ def _check(outputs: Sequence[Output], force: bool) -> None:
             if motion is not None and motion.resolve() == path:
                 raise ValueError(f"{output.path} holds the motion itself; write the animation elsewhere.")
         for made in companions(output):
-            check_free(made, force)
+            check_free(made, force, frames=True)
 
 
 def companions(output: Output) -> list[Path]:
     """Return the files that an output is known to have."""
-    if output.format not in ("pc2", "mdd"):
-        return [output.path]
-    body = output.path.with_name(f"{output.path.stem}_body{output.path.suffix}")
-    return [path for cache in (output.path, body) for path in (cache, cache.with_suffix(".obj"))]
-
-
-def check_free(path: Path, force: bool) -> None:
-    """Raise `ValueError` where `path` is there and may not be replaced; of folders only frames may be."""
-    if not path.exists():
-        return
-    if path.is_dir():
-        files = [file for file in path.rglob("*") if not file.is_dir()]
-        if any(not _OBJ_FRAME.fullmatch(file.name) for file in files):
-            raise ValueError(f"{path} is a folder that holds other files; name another --out.")
-        if not files:
-            return
-    if not force:
-        raise ValueError(f"{path} is there already; --force replaces it, or name another --out.")
+    return cache_files(output.path, body=True) if output.format in ("pc2", "mdd") else [output.path]
 
 
 def move_into_place(made: Sequence[Path], folder: Path, *, force: bool) -> list[Path]:
@@ -117,7 +101,7 @@ def move_into_place(made: Sequence[Path], folder: Path, *, force: bool) -> list[
     """
     targets = [folder / path.name for path in made]
     for target in targets:
-        check_free(target, force)
+        check_free(target, force, frames=True)
     for path, target in zip(made, targets, strict=True):
         if target.is_dir():
             shutil.rmtree(target)

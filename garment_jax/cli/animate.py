@@ -15,7 +15,7 @@ from garment_jax.api.written_as import NEXT, Shape, check_able
 from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.pairs import LeftOut
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.parser import add_command, add_force
 
 if TYPE_CHECKING:
     from garment_jax.importers.sources import Options
@@ -47,7 +47,7 @@ def add(commands) -> None:
         "--out", help="file, its ending says the format, or folder (default: MOTION's name + .html, here)"
     )
     parser.add_argument("--format", choices=tuple(ENDINGS), help="where --out is a folder (default html)")
-    parser.add_argument("--force", action="store_true", help="replace what is there")
+    add_force(parser)
     parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
     add_motion_options(parser.add_argument_group("the motions"))
     add_options(parser.add_argument_group("the model"))

@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 EXAMPLES = """  garment-jax benchmark configs/benchmark.toml --data data/mine --quick"""
@@ -53,4 +54,7 @@ def run(options: argparse.Namespace) -> int:
         kept=options.keep,
         show=partial(print, flush=True),
     )
+    if options.quick and not failed:
+        data = [] if options.data is None else ["--data", options.data]
+        say_next("benchmark", options.config, *data, why="all of it, at full length")
     return 1 if failed else 0

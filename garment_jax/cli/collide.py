@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.next_step import say_next
+from garment_jax.cli.parser import add_command, add_force
 
 EXAMPLES = """  garment-jax collide mine.h5 --out better.h5
   garment-jax collide mine.h5 --eps 2 --whole-body"""
@@ -21,6 +22,7 @@ def add(commands) -> None:
     parser.add_argument(
         "--out", type=Path, help="sequence file to write (default: SEQUENCE's name + _collided.h5, here)"
     )
+    add_force(parser)
     parser.add_argument(
         "--body", type=Path, help="take the body of another sequence file, or a rigged body (.npz)"
     )
@@ -47,9 +49,10 @@ def run(options: argparse.Namespace) -> None:
         out,
         body=options.body,
         whole_body=options.whole_body,
+        force=options.force,
         store=warm_start().store,
         **settings,
     )
     first, *further = summary(report)
     print("\n".join([f"{out}: {first}", *further]))
-    print(f"next: garment-jax view {options.sequence} {out}, or export {out}")
+    say_next("view", options.sequence, out, why="before and after, side by side")

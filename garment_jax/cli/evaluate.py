@@ -6,8 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.pairs import LeftOut, pair_files
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.parser import add_command, add_force
 from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax evaluate pred.h5 truth.h5
@@ -35,6 +36,7 @@ def add(commands) -> None:
     parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")
     parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
     parser.add_argument("--out", type=Path, help="also save the JSON there")
+    add_force(parser)
     parser.add_argument(
         "--whole-body", action="store_true", help="show the penetration of the arms and the head, too"
     )
@@ -50,7 +52,8 @@ def run(options: argparse.Namespace) -> None:
     pairs = pair_files(options.pred, options.truth)
     seconds = {} if options.again is None else dict(pair_files(options.pred, options.again))
     if options.out is not None:
-        check_out(options.out, [*seconds.values(), *(path for pair in pairs for path in pair)])
+        read = [*seconds.values(), *(path for pair in pairs for path in pair)]
+        check_out(options.out, read, options.force)
     figures, left_out = [], LeftOut(len(pairs))
     for pred, truth in pairs:
         with left_out.reading(pred), FrameProgress(pred.stem) as progress:
@@ -64,15 +67,18 @@ def run(options: argparse.Namespace) -> None:
             temporary.write_text(text + "\n", encoding="utf-8")
     print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
     left_out.check()
+    if not options.json:
+        say_next("render", options.pred, options.truth, why="pictures of where the error is")
 
 
-def check_out(out: Path, read: Sequence[Path]) -> None:
+def check_out(out: Path, read: Sequence[Path], force: bool) -> None:
     """Check where the figures are to be written, before anything is measured.
 
     Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in .json or
-    is too long, and a file that `evaluate` did not write.
+    is too long, and one that is there, without `force`.
     """
-    from garment_jax.io.overwrite_checks import check_name, not_own
+    from garment_jax.io.overwrite_checks import check_name
+    from garment_jax.storage.overwriting import check_free
 
     if os.path.isdir(out):
         raise ValueError(f"--out {out} is a folder; name a file.")
@@ -81,15 +87,4 @@ def check_out(out: Path, read: Sequence[Path]) -> None:
     check_name(out)
     if out.suffix != ".json":
         raise ValueError(f"--out {out} does not end in .json; name a JSON file, such as {out.name}.json.")
-    if os.path.exists(out) and not _holds_figures(out):
-        raise not_own(out, "evaluate")
-
-
-def _holds_figures(path: Path) -> bool:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError):  # no text, no JSON, not to be read
-        return False
-    clips = found if isinstance(found, list) else [found]
-    keys = {"prediction", "truth", "metrics"}
-    return bool(clips) and all(isinstance(clip, dict) and keys <= clip.keys() for clip in clips)
+    check_free(out, force)

@@ -3,7 +3,9 @@
 import argparse
 from pathlib import Path
 
-from garment_jax.cli.parser import add_command
+from garment_jax.api.written_as import NEXT
+from garment_jax.cli.next_step import say_step
+from garment_jax.cli.parser import add_command, add_force
 from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax export pred.h5 --out pred.usdc
@@ -29,6 +31,7 @@ def add(commands) -> None:
         type=Path,
         help="file, of obj a folder (default: SOURCE's name with the format's ending)",
     )
+    add_force(parser)
     parser.add_argument("--format", choices=FORMATS, help="default: by the ending of --out; glb without it")
     parser.add_argument(
         "--out-unit", "--unit", dest="unit", choices=("m", "cm", "mm"), help="unit of length (default m)"
@@ -67,11 +70,19 @@ def run(options: argparse.Namespace) -> None:
     if options.clip or options.no_detail:
         raise ValueError("--clip and --no-detail are for --format onnx; leave them out.")
     with FrameProgress(options.source.stem) as progress:
-        report = export_file(options.source, options.out, format=options.format, progress=progress, **given)
+        report = export_file(
+            options.source,
+            options.out,
+            format=options.format,
+            force=options.force,
+            progress=progress,
+            **given,
+        )
     print(
         f"{', '.join(map(str, report.files))}: {report.frames} frames, {_size(report.bytes)}, "
         f"{report.frames / report.seconds:.3g} frames/s{report.note and '; '}{report.note}"
     )
+    say_step(NEXT[choose_format(options.out, options.format)])
 
 
 def _given(options: argparse.Namespace) -> dict:
@@ -97,6 +108,8 @@ def _run_onnx(options: argparse.Namespace, given: dict) -> None:
         )
     from garment_jax.exporters.onnx_step import export_step
 
-    facts = export_step(options.source, options.out, clip=options.clip, detail=not options.no_detail)
+    facts = export_step(
+        options.source, options.out, clip=options.clip, detail=not options.no_detail, force=options.force
+    )
     for name, value in facts.items():
         print(f"{name}: {value}")

@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.next_step import say_next
+from garment_jax.cli.parser import add_command, add_force
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,6 +38,7 @@ def add(commands) -> None:
     parser.add_argument("--cloth", nargs="*", default=[], metavar="KEY=VALUE", help="as the clip's own")
     parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clip's own")
     parser.add_argument("--out", type=Path, help="also write one clip's second simulation, a sequence file")
+    add_force(parser)
     parser.add_argument(
         "--json", action="store_true", help="a list with the values per frame, as `benchmark` reads it"
     )
@@ -45,15 +47,17 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.io.overwrite_checks import check_floor_out
+    from garment_jax.io.overwrite_checks import check_sequence_name
     from garment_jax.simulation.command import cloth_settings, read_pattern
+    from garment_jax.storage.overwriting import check_free
 
     if options.out is not None and len(options.clips) > 1:
         raise ValueError(f"--out {options.out} holds one clip, and {len(options.clips)} are given; name one.")
     if options.out is not None:
         if options.out.resolve() == options.clips[0].resolve():
             raise ValueError(f"--out {options.out} is the clip itself; write to another file.")
-        check_floor_out(options.out)
+        check_sequence_name(options.out)
+        check_free(options.out, options.force)
     settings = cloth_settings(options.cloth)
     flat = None if options.pattern is None else read_pattern(options.pattern)
     found, left_out = [], []
@@ -73,6 +77,8 @@ def run(options: argparse.Namespace) -> None:
         print(json.dumps(found))
     if left_out:
         raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
+    if options.out is not None and not options.json:
+        say_next("view", options.out, options.clips[0], why="both simulations, and how far they differ")
 
 
 def _restarted(

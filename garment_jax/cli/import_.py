@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 PARTS = ("garment", "body", "motion", "clip")  # each has a unit and an up axis
@@ -135,6 +136,7 @@ def _import_packed(options: argparse.Namespace) -> None:
     if len(kept) < len(clips):
         lost = ", ".join(clip.source.name for clip in clips if clip.refused)
         raise ValueError(f"left out: {lost}; the reasons are above.")
+    say_next("validate", options.out, why="rates, jumps and strain, before training on it")
 
 
 def _import_foreign(options: argparse.Namespace, *, kind: str) -> None:
@@ -226,3 +228,4 @@ def _summarise(out: Path, outcomes: Sequence) -> None:
     if len(kept) < len(outcomes):
         lost = ", ".join(outcome.source.name for outcome in outcomes if outcome.refused)
         raise ValueError(f"left out: {lost}; the reasons are above.")
+    say_next("validate", out, why="units, rates, jumps and strain")

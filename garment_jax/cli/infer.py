@@ -40,12 +40,14 @@ def wanted(options: argparse.Namespace) -> Wanted:
     return Wanted(**{name: getattr(options, name) for name in Wanted._fields})
 
 
-def infer(*, model: str, motion: str, out: str | None, **options: Any) -> Iterator[str]:
+def infer(*, model: str, motion: str, out: str | None, force: bool = False, **options: Any) -> Iterator[str]:
     """Yield the lines to print; `options` are those of `Wanted`. Raises as `infer_motion`."""
     from garment_jax.io.overwrite_checks import check_animation_out
+    from garment_jax.storage.overwriting import check_free
 
     if out is not None:
         check_animation_out(Path(out), Path(motion))  # before minutes of measuring
+        check_free(Path(out), force)
     asked = Wanted(**options)
     opened = open_model(model, asked)
     yield from infer_motion(opened, motion, out, asked)

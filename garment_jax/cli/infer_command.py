@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 from garment_jax.cli.infer import add_options, infer, wanted
-from garment_jax.cli.parser import Parser, add_command
+from garment_jax.cli.next_step import say_next
+from garment_jax.cli.parser import Parser, add_command, add_force
 
 DESCRIPTION = (
     "Takes a motion that is a sequence file of the model's garment already, and writes "
@@ -34,6 +35,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("clip", nargs="?", metavar="MOTION", help="sequence file with the body's motion")
     parser.add_argument("--motion", help="the same, as an option")
     parser.add_argument("--out", help="sequence file to write (default: MOTION's name + _pred.h5, here)")
+    add_force(parser)
     add_options(parser)
     parser.set_defaults(run=run, stopped="interrupted; nothing was written")
 
@@ -46,7 +48,14 @@ def run(options: argparse.Namespace) -> None:
     out = options.out or (None if options.plan else f"{Path(motion).stem}_pred.h5")
     into = "" if out is None else f" -> {out}"
     print(f"infer: {options.model} on {motion}{into}", file=sys.stderr, flush=True)
-    for line in infer(model=options.model, motion=motion, out=out, **wanted(options)._asdict()):
+    for line in infer(
+        model=options.model, motion=motion, out=out, force=options.force, **wanted(options)._asdict()
+    ):
         print(line, flush=True)
     if out is not None:
-        print(f"next: garment-jax view {out}, or evaluate it: garment-jax evaluate {out} TRUTH.h5")
+        from garment_jax.io.content_hash import stored_attribute
+
+        if stored_attribute(Path(motion), "kind") == "simulated":
+            say_next("evaluate", out, motion, why="how far it is from the simulation")
+        else:
+            say_next("view", out)

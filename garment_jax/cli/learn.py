@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.own_scene import Dressed, add_scene_options, own_motions, own_scene
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.parser import add_command, add_force
 from garment_jax.cli.train import GOES_ON
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def add(commands) -> None:
     parser.add_argument("--out", type=Path, help="folder of the model (default: models/GARMENT)")
     parser.add_argument("--minutes", type=float, default=30.0, help="how long it may take (default 30)")
     parser.add_argument("--work", type=Path, help="folder of what is half done (default: OUT.work)")
-    parser.add_argument("--force", action="store_true", help="replace a model that is in --out")
+    add_force(parser)
     parser.add_argument("--seed", type=int, default=0, help="of motions and training (default 0)")
     parser.add_argument("--workers", type=int, help="processes that simulate (default: one for each core)")
     parser.add_argument("--vertices", type=int, help="of the package's garment, about (default 900)")
@@ -93,7 +94,7 @@ def run(options: argparse.Namespace) -> None:
     )
     for page in learnt.pages:
         say(f"{page}: prediction beside simulation")
-    say(f"see it move: garment-jax animate {learnt.folder}")
+    say_next("animate", learnt.folder, why="see it move")
 
 
 def check_given(options: argparse.Namespace) -> None:

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 
@@ -32,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     widths = [max(len(row[i]) for row in (heads, *rows)) for i in range(len(heads))]
     for row in (heads, *rows):
         print("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
-    print(f"see one move: garment-jax animate {rows[0][0]}")
+    say_next("animate", rows[0][0], why="see it move")
 
 
 def model_row(name: str, folder: Path) -> tuple[str, ...]:

@@ -82,6 +82,11 @@ def add_command(commands: Any, name: str, *, does: str, examples: str, **given: 
     )
 
 
+def add_force(parser: argparse._ActionsContainer) -> None:
+    """Add `--force`, which every command has that refuses to replace what is there."""
+    parser.add_argument("--force", action="store_true", help="replace what is there")
+
+
 def near(word: str, known: Iterable[str], *, say: str = "") -> str:
     """Return "did you mean …?" with the word of `known` that is nearest; `say` where none is near."""
     bare = {name.lstrip("-"): name for name in known}  # dashes would make all options alike

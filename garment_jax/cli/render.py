@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.pairs import LeftOut, pair_files
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.parser import add_command, add_force
 from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax render pred.h5 truth.h5 --out pictures
@@ -23,6 +24,7 @@ def add(commands) -> None:
     parser.add_argument(
         "--out", default=Path("pictures"), type=Path, help="folder for the pictures (default pictures)"
     )
+    add_force(parser)
     parser.add_argument("--frames", type=int, default=6, help="columns of the contact sheet (default 6)")
     parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")
@@ -49,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
         )
     pairs = [options.paths] if len(options.paths) == 1 else pair_files(*options.paths)
     names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
-    settings = {name: getattr(options, name) for name in names}
+    settings = {name: getattr(options, name) for name in (*names, "force")}
     left_out = LeftOut(len(pairs))
     for pair in pairs:
         with left_out.reading(pair[0]):
@@ -58,3 +60,4 @@ def run(options: argparse.Namespace) -> None:
             for path in written:
                 print(path, flush=True)
     left_out.check()
+    say_next("view", *pairs[0], why="turn it and play it in the browser")

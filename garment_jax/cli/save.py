@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.next_step import say_next
+from garment_jax.cli.parser import add_command, add_force
 
 if TYPE_CHECKING:
     from garment_jax.model.scene_file import Sample
@@ -31,6 +32,7 @@ def add(commands) -> None:
         help="folder that train.py wrote; of several, and of a model that they began from, the mean is saved",
     )
     parser.add_argument("--out", type=Path, help="folder of the model (default: models/ and the run's name)")
+    add_force(parser)
     parser.add_argument("--bits", type=int, choices=(16, 32), default=16, help="of each parameter")
     parser.add_argument(
         "--scene",
@@ -45,13 +47,14 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.evaluation.portrait import template_portrait
-    from garment_jax.model.folder import MEASURED
+    from garment_jax.model.folder import MEASURED, check_no_model
     from garment_jax.model.mean_model import mean_model
     from garment_jax.model.store import save_model
     from garment_jax.training.pipeline import trained_model
 
     if options.out is None:
         options.out = Path("models") / options.runs[0].resolve().name
+    check_no_model(options.out, options.force)
     measured = [name for name in MEASURED if (options.out / name).is_file()]
     model = mean_model([trained_model(run) for run in options.runs], list(map(str, options.runs)))
     sample = _sample(options.scene, options.runs, model)
@@ -67,7 +70,7 @@ def run(options: argparse.Namespace) -> None:
             "save it with --scene CLIP.h5 to animate it alone"
         )
     else:
-        print(f"see it move: garment-jax animate {folder}")
+        say_next("animate", folder, why="see it move")
 
 
 def _sample(scene: Path | None, runs: Sequence[Path], model: "Model") -> "Sample | None":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.own_scene import add_scene_options, own_motions, own_scene
 from garment_jax.cli.parser import add_command
 
@@ -218,4 +219,4 @@ def _simulate(
     left_out += [outcome.job for outcome in outcomes if outcome.path is None]
     if left_out:
         raise ValueError(f"left out: {', '.join(left_out)}; the reasons are above.")
-    print(f"next: garment-jax train CONFIG.toml --data {out}, or look: garment-jax validate {out}")
+    say_next("validate", out, why="strain, rates and jumps, before training on it")

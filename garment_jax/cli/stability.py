@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from garment_jax.cli.choices import GARMENTS
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 EXAMPLES = """  garment-jax stability models/skirt --clips data/mine/test --out runs/stability
@@ -47,4 +48,9 @@ def run(options: argparse.Namespace) -> int:
         out=options.out,
         show=partial(print, flush=True),
     )
+    if not options.full:
+        run_dir = [] if options.run_dir is None else [options.run_dir]
+        garment = [] if options.garment is None else ["--garment", options.garment]
+        clips = ["--clips", *options.clips] if options.clips else []
+        say_next("stability", *run_dir, *garment, *clips, "--full", why="the long cases too, an hour")
     return 0 if passed(cases) else 1

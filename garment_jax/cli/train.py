@@ -3,6 +3,7 @@
 import argparse
 import sys
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import Parser, add_command
 
 GOES_ON = "interrupted; the same command goes on"  # the stages save before they end
@@ -29,7 +30,7 @@ def add(commands) -> None:
 
 def add_arguments(parser: Parser) -> None:
     """Add what the command and `train.py` take."""
-    parser.add_argument("config", metavar="CONFIG", help="experiment, e.g. configs/skirt.toml")
+    parser.add_argument("config", metavar="CONFIG", help="a TOML file, or a name of the package: demo, skirt")
     parser.add_argument("--data", help="folder of imported clips (default: data.dir of the configuration)")
     parser.add_argument("--run-dir", "--out", help="folder for checkpoints and logs (default: runs/NAME)")
     parser.add_argument("--stage", default="all", help="all, generative, motion, detail or column_rnn")
@@ -55,4 +56,8 @@ def run(options: argparse.Namespace) -> None:
         tensorboard=options.tensorboard,
     )
     print(f"trained: {folder}")
-    print(f"next: garment-jax animate {folder}, or garment-jax save {folder} for a folder to ship")
+    if options.stage != "all":
+        say_next("train", options.config, "--data", data, "--run-dir", run_dir, why="the other stages")
+        return
+    say_next("animate", folder, why="see it move")
+    say_next("save", folder, why="a model's folder to keep")

@@ -4,6 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 EXAMPLES = """  garment-jax validate data/mine
@@ -62,6 +63,10 @@ def run(options: argparse.Namespace) -> int:
     else:
         print(format_totals(reports))
     errors = any(finding.severity == "error" for report in reports for finding in report.findings)
+    if options.fix and not options.json:
+        say_next("validate", options.out, why="the repaired copies")
+    elif not errors and not options.json and (options.paths[0] / "train").is_dir():
+        say_next("train", "demo", "--data", options.paths[0], why="small networks, minutes")
     return int(errors or any(one.refused for one in fixed))
 
 

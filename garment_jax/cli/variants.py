@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
 EXAMPLES = """  garment-jax variants models/mine --validation data/mine/train/walk.h5 --errors
@@ -47,3 +48,4 @@ def run(options: argparse.Namespace) -> None:
         show=partial(print, flush=True),
     )
     print(f"measured: {path}")
+    say_next("infer", options.model, options.validation[0], "--plan", why="what a frame costs here")

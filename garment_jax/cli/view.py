@@ -4,7 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from garment_jax.cli.parser import add_command
+from garment_jax.cli.next_step import say_step
+from garment_jax.cli.parser import add_command, add_force
 
 EXAMPLES = """  garment-jax view pred.h5 truth.h5 --out page.html    both, and the error in colours
   garment-jax view walk.h5                              walk.html"""
@@ -20,6 +21,7 @@ def add(commands) -> None:
     )
     parser.add_argument("paths", nargs="+", type=Path, help="sequence files of one garment on one motion")
     parser.add_argument("--out", type=Path, help="the page, one HTML file (default: the first file's name)")
+    add_force(parser)
     parser.add_argument(
         "--truth", type=Path, help="which file errors are measured against (default: the last simulated one)"
     )
@@ -38,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.viewer.command import view_files
 
     out = options.out or Path(f"{options.paths[0].stem}.html")
-    names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm")
+    names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm", "force")
     settings = {name: getattr(options, name) for name in names}
     written = view_files(
         options.paths, out, body=not options.no_body, report=_report(sys.stderr.isatty()), **settings
@@ -46,6 +48,7 @@ def run(options: argparse.Namespace) -> None:
     for note in written.notes:
         print(note)
     print(f"{written.path}  {written.bytes / 1e6:.1f} MB")
+    say_step(f"open {written.path} in a browser")
 
 
 def _report(shown: bool):

@@ -13,21 +13,38 @@ from garment_jax.config.key import metadata
 from garment_jax.config.sections import Config
 from garment_jax.config.values import checked, parse
 
+_PACKAGE = Path(__file__).resolve().parents[1]
+# In a wheel `configs/` lies inside the package (setup.py), in a checkout beside it.
+_PLACES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
-    """Read a TOML file, then apply overrides `--SECTION.KEY VALUE` (or `--SECTION.KEY=VALUE`).
+    """Read a TOML file, or one of the package's by its name.
+
+    Then apply overrides `--SECTION.KEY VALUE` (or `--SECTION.KEY=VALUE`).
 
     Tuples are comma-separated in an override. ValueError names an unknown key (with the known
     ones), a wrong type, a value out of range or a file that is not TOML; FileNotFoundError a
     missing file.
     """
-    if not Path(path).is_file():
-        raise FileNotFoundError(_no_file(Path(path)))
+    path = find_config(path)
     try:
         table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # ValueError: a number of thousands of digits, too
         raise ValueError(f"{path} is not valid TOML: {error}; correct that line.") from error
     return apply_overrides(from_dict(table, source=str(path)), overrides)
+
+
+def find_config(path: str | Path) -> Path:
+    """Return `path` where it is a file, else the configuration of that name that comes with the package.
+
+    Raises `FileNotFoundError` where there is neither.
+    """
+    named = [place / f"{path}.toml" for place in _PLACES if Path(path).name == str(path)]
+    for file in (Path(path), *named):
+        if file.is_file():
+            return file
+    raise FileNotFoundError(_no_file(Path(path)))
 
 
 def _no_file(path: Path) -> str:

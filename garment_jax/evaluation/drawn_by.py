@@ -1,4 +1,4 @@
-"""Who drew a picture: a mark in its metadata, by which `render` knows its own and replaces no other."""
+"""Who drew a picture: a mark in its metadata."""
 
 from PIL.PngImagePlugin import PngInfo
 

@@ -18,13 +18,13 @@ from garment_jax.evaluation.colours import (
     round_scale,
 )
 from garment_jax.evaluation.contact_sheet import Row, Scale, contact_sheet
-from garment_jax.evaluation.drawn_by import WRITER, png_text
+from garment_jax.evaluation.drawn_by import png_text
 from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
 from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
-from garment_jax.io.overwrite_checks import check_own
 from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.storage.overwriting import check_free
 from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time
@@ -44,6 +44,7 @@ def render_files(
     whole_body: bool = True,
     height: int | None = None,
     seconds: float = 6.0,
+    force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
@@ -53,11 +54,11 @@ def render_files(
     vertices) and `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
     `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
     `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
-    sheets and 240 in the film. `progress` is called with the frames drawn and those to draw, of all sheets
-    and the film together. Returns what was written.
+    sheets and 240 in the film. `force` replaces pictures that are there. `progress` is called with the frames
+    drawn and those to draw, of all sheets and the film together. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
-    range, an `out` that is a file and pictures there that another program drew, `OSError` where the folder
+    range, an `out` that is a file and pictures that are there without `force`, `OSError` where the folder
     cannot be made. Works without a display.
     """
     _check_settings(paths, frames, height, seconds, scale_cm, azimuth)
@@ -73,7 +74,7 @@ def render_files(
         curve, movie = out / f"{name}_error.png", out / f"{name}.gif"
         written = [*([curve] if len(clips) == 2 else []), *sheets, *([movie] if animation else [])]
         for path in written:
-            check_own(path, [WRITER.encode()], "render")
+            check_free(path, force)
         if len(clips) == 2:
             title += f", RMSE {_error_curve(clips, curve):.2f} cm"
         film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)

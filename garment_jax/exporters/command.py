@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from garment_jax.exporters.abc import export_abc
+from garment_jax.exporters.cache_files import cache_files
 from garment_jax.exporters.clip import ExportClip, Progress
 from garment_jax.exporters.mdd import export_mdd
 from garment_jax.exporters.npz import export_npz
 from garment_jax.exporters.obj import export_obj
 from garment_jax.exporters.pc2 import export_pc2
 from garment_jax.io.sequence import open_sequence
+from garment_jax.storage.overwriting import check_free
 
 SUFFIXES = {
     "usd": (".usd", ".usda", ".usdc", ".usdz"),
@@ -48,14 +50,15 @@ def export_file(
     every: int = 1,
     body: bool = True,
     blender: str | Path | None = None,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> Report:
     """Export the sequence file `path` to `out` and report.
 
     `format` is one of `SUFFIXES` (default: by `out`'s suffix). `unit` m, cm or mm; `up` Y or Z; `fps` is
     written instead of the clip's own, frames are not resampled; `frame_offset` numbers the first frame;
-    `every` is for glb alone. Output appears when it is whole. Raises `ValueError`, `FileNotFoundError` or
-    `OSError` in one sentence.
+    `every` is for glb alone; `force` replaces what is there. Output appears when it is whole. Raises
+    `ValueError`, `FileNotFoundError` or `OSError` in one sentence.
     """
     path, out, began = Path(path), Path(out), time.perf_counter()
     if out.resolve() == path.resolve():
@@ -67,6 +70,10 @@ def export_file(
         raise ValueError(
             f"--every {every} is for --format glb, whose frames are morph targets; leave it out."
         )
+    if chosen == "obj" and out.is_file():
+        raise ValueError(f"--out {out} is a file; OBJ files, one a frame, fill a folder, name a new one.")
+    for file in cache_files(out, body=body) if chosen in ("pc2", "mdd") else [out]:
+        check_free(file, force, frames=chosen == "obj")
     with open_sequence(path) as sequence:
         options = {"unit": unit, "up": up, "fps": fps, "start": start, "stop": stop, "body": body}
         clip = ExportClip(sequence, first_frame=frame_offset, progress=progress, **options)

@@ -17,7 +17,6 @@ from garment_jax.evaluation.pair import read_finite
 from garment_jax.exporters.glb_body import add_body
 from garment_jax.exporters.glb_document import add_channel, new_document, smooth_normals, tidy
 from garment_jax.io.formats.gltf_writer import INDICES, VERTICES, GlbWriter
-from garment_jax.io.overwrite_checks import check_own
 from garment_jax.io.sequence import Sequence
 from garment_jax.structs import Garment
 
@@ -55,7 +54,6 @@ def write_glb(
     metres and Y up, frames out of range, and more than `most_targets` morph targets.
     """
     path = Path(path)
-    check_own(path, [b'"generator":"garment_jax"', b'"generator": "garment_jax"'], "export")
     _check_metres(scale, up, path)
     frames = _frames(sequence, start, stop, every)
     _check_targets(frames, most_targets, path)

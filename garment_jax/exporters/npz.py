@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.exporters.clip import ExportClip
-from garment_jax.io.overwrite_checks import check_own
 from garment_jax.storage.whole import written_whole
 
 
@@ -17,7 +16,6 @@ def export_npz(clip: ExportClip, out: Path) -> list[Path]:
     `vertices` [t, n, 3], `faces` [f, 3], `uv` [u, 2], `faces_uv` [f, 3], `template` [n, 3], `fps`, `unit`
     (metres), `up`, `first_frame`, and with the body `body_vertices` [t, b, 3] and `body_faces` [g, 3].
     """
-    check_own(out, [b"first_frame.npy"], "export")
     garment = clip.garment
     facts = {"fps": clip.fps, "unit": clip.unit, "up": clip.up, "first_frame": clip.first_frame}
     arrays = {name: np.asarray(value) for name, value in facts.items()}

@@ -18,7 +18,7 @@ from garment_jax.body.motion_features import chosen_joints, feature_names
 from garment_jax.exporters.column_rnn_functions import begun, flat, length
 from garment_jax.exporters.host_functions import first_frame, frame_input
 from garment_jax.exporters.onnx_check import check_graphs
-from garment_jax.exporters.onnx_graph import PRODUCER, Port, check_opset, to_onnx
+from garment_jax.exporters.onnx_graph import Port, check_opset, to_onnx
 from garment_jax.exporters.step_subject import (
     StepSubject,
     column_rnn_function,
@@ -27,8 +27,8 @@ from garment_jax.exporters.step_subject import (
     step_function,
 )
 from garment_jax.geometry.skinning import softmax_weights
-from garment_jax.io.overwrite_checks import check_own
 from garment_jax.postprocess.pins import follow, pin_extension
+from garment_jax.storage.overwriting import check_free
 from garment_jax.storage.whole import written_whole
 
 SCHEMA = "garment_jax-step-1"
@@ -46,14 +46,16 @@ def export_step(
     detail: bool = True,
     opset: int | None = None,
     check: bool = True,
+    force: bool = False,
 ) -> dict[str, Any]:
     """Write the step of a run or model as ONNX graphs: `out` and, beside it, what goes with it.
 
     `clip` is any sequence file of the garment, needed because a model holds parameters alone: template,
     faces, UVs and body are the clip's. `check` runs the graphs over its first frames and compares them with
-    JAX. Returns the facts: files with megabytes and nodes, and what the check measured. Raises `ValueError`,
-    `OSError` or `FileNotFoundError` for a model or clip that does not fit, an operator set that is not
-    written here, a graph that departs from JAX by more than 0.1 mm, or a missing package.
+    JAX; `force` replaces graphs that are there. Returns the facts: files with megabytes and nodes, and what
+    the check measured. Raises `ValueError`, `OSError` or `FileNotFoundError` for a model or clip that does
+    not fit, an operator set that is not written here, a graph that departs from JAX by more than 0.1 mm, or a
+    missing package.
     """
     out, opset = Path(out), OPSET if opset is None else opset
     if out.suffix != ".onnx":
@@ -65,7 +67,7 @@ def export_step(
     check_opset(opset)
     _need("onnx", *(["onnxruntime"] if check else []))
     for path in [out, *(out.with_suffix(f".{kind}.onnx") for kind in _BESIDE)]:
-        check_own(path, [PRODUCER.encode()], "export")
+        check_free(path, force)
     subject = load_subject(run_or_model, clip, frames=CHECKED_FRAMES)
     graphs = {
         out: _step_graph(subject, detail, opset),

@@ -10,19 +10,13 @@ from garment_jax.evaluation.colours import body_colours, garment_colours, linear
 from garment_jax.exporters.clip import ExportClip
 from garment_jax.geometry.normals import vertex_normals
 from garment_jax.io.formats.usd_library import load_pxr
-from garment_jax.io.formats.usd_writer import UsdMesh, is_our_usd, write_usd
-from garment_jax.io.overwrite_checks import not_own
+from garment_jax.io.formats.usd_writer import UsdMesh, write_usd
 from garment_jax.storage.whole import written_whole
 
 
 def export_usd(clip: ExportClip, out: Path) -> list[Path]:
-    """Write `.usd`, `.usda`, `.usdc` or `.usdz`; return the file. Needs the extra `usd`.
-
-    Raises `ValueError` where a stage is there that no export wrote.
-    """
+    """Write `.usd`, `.usda`, `.usdc` or `.usdz`; return the file. Needs the extra `usd`."""
     load_pxr()
-    if out.is_file() and not is_our_usd(out):
-        raise not_own(out, "export")
     garment = clip.garment
     (cloth,) = garment_colours([str(clip.sequence.attributes.get("kind", ""))])
     meshes = [UsdMesh("Garment", garment.faces, garment.uv, garment.faces_uv, linear(cloth)[None])]

@@ -25,7 +25,7 @@ from garment_jax.learning.motions import Source, training_jobs
 from garment_jax.learning.networks import config_for, has_mirror_image, stages_of
 from garment_jax.learning.plan import PlanFile
 from garment_jax.learning.time_left import TimeLeft
-from garment_jax.model.folder import FACTS, check_replaceable
+from garment_jax.model.folder import FACTS, check_no_model, check_replaceable
 from garment_jax.model.scene_file import sample_of
 from garment_jax.model.store import save_model
 from garment_jax.progress import duration, part_of_whole
@@ -87,8 +87,7 @@ def learn(given: Given, out: Path, work: Path, wanted: Wanted, *, say: Say) -> L
         if file.plan.done and (out / FACTS).is_file():
             say(f"{out}: complete, nothing to do; see it move: garment-jax animate {out}")
             return None
-        if (out / FACTS).is_file() and not (file.plan.trained or wanted.force):
-            raise ValueError(f"--out {out} holds a model; --force replaces it, or name another --out.")
+        check_no_model(out, file.plan.trained or wanted.force)
         file.decide()
         _show_pins(given.scene, work, say)
         left = TimeLeft(_planned(shares, file.plan.seconds))

@@ -52,7 +52,7 @@ def measure(
             found = evaluate_files(made, clip, every=EVERY, arms=False, progress=progress)
         rows[clip.stem] = {name: _rounded(found["metrics"].get(name)) for name in _KEPT}
         page = work / f"{clip.stem}.html"
-        view_files([made, clip], page, truth=clip, title=f"{folder.name}: {clip.stem}")
+        view_files([made, clip], page, truth=clip, title=f"{folder.name}: {clip.stem}", force=True)
         pages.append(page)
     figures = {
         "command": command,

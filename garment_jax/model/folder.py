@@ -51,6 +51,12 @@ def check_replaceable(folder: Path, garment_hash: str) -> None:
         )
 
 
+def check_no_model(folder: Path, force: bool) -> None:
+    """Raise `ValueError` where a whole model is in `folder` and may not be replaced."""
+    if (folder / FACTS).is_file() and not force:
+        raise ValueError(f"--out {folder} holds a model; --force replaces it, or name another --out.")
+
+
 def shaping_of(config: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return what shapes the networks, of a configuration as `to_dict` has it."""
     return {name: {key: config[name][key] for key in keys} for name, keys in SHAPING.items()}

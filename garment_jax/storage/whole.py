@@ -16,19 +16,20 @@ def written_whole(
     *targets: Path,
     last: Sequence[Path] = (),
     gone: Sequence[Path] = (),
+    folders: bool = False,
     remedy: str = "nothing was saved, free some space or choose another folder",
 ) -> Iterator[tuple[Path, ...]]:
     """Yield a path to write for each of `targets`: files or folders of one folder, under their own names.
 
     When the block ends well, what was written there takes the targets' places, as `replaced` says. Raises
     `OSError` in one sentence with `remedy` where the disk does not take it, and before anything is made where
-    a target is a folder that holds something.
+    a target is a folder that holds something; with `folders` that is replaced.
     """
     for target in targets:
-        if target.is_dir() and any(target.iterdir()):
+        if not folders and target.is_dir() and any(target.iterdir()):
             raise OSError(f"{target} is a folder that is not empty; name a new one.")
     try:
-        with replaced(*targets, last=last, gone=gone) as made:
+        with replaced(*targets, last=last, gone=gone, folders=folders) as made:
             yield made
     except OSError as error:
         if error.strerror is None:  # a sentence already
@@ -40,7 +41,7 @@ def written_whole(
 
 @contextmanager
 def replaced(
-    *targets: Path, last: Sequence[Path] = (), gone: Sequence[Path] = ()
+    *targets: Path, last: Sequence[Path] = (), gone: Sequence[Path] = (), folders: bool = False
 ) -> Iterator[tuple[Path, ...]]:
     """Yield a path to write for each of `targets`, and move what is there into place at the end.
 
@@ -56,6 +57,10 @@ def replaced(
         for path in made:
             sync(path)
         if len(targets) == 1 and not gone:
+            if folders and targets[0].is_dir():
+                os.rename(
+                    targets[0], place / ".replaced"
+                )  # no folder takes the place of one that holds something
             os.replace(made[0], targets[0])
             return
         with _alone(folder):

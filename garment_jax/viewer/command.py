@@ -13,8 +13,8 @@ import numpy as np
 from garment_jax.evaluation.colours import HEAT, body_colours, garment_colours
 from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
-from garment_jax.io.overwrite_checks import check_own
 from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.storage.overwriting import check_free
 from garment_jax.viewer.inside import inside_bits
 from garment_jax.viewer.page import PageWriter
 from garment_jax.viewer.payload import CHUNK, Walk, make_walk, pack_array, pack_chunk, quantise, step_for
@@ -44,14 +44,15 @@ def view_files(
     stop: int | None = None,
     every: int = 1,
     scale_cm: float | None = None,
+    force: bool = False,
     report: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Written:
     """Write the page `out`, which plays `paths`, sequence files of one garment on one motion.
 
     Errors are measured against `truth`, by default the last of several files of kind "simulated".
     `scale_cm` ends the error's colours (by default a round number that fits). `penetration` marks the
-    vertices inside the collider, which takes a tenth of a second a frame and file. `report` is called
-    with what is being done and how much of it is.
+    vertices inside the collider, which takes a tenth of a second a frame and file. `force` replaces a page
+    that is there. `report` is called with what is being done and how much of it is.
 
     Raises ValueError, OSError or FileNotFoundError in one sentence; then nothing is written.
     """
@@ -61,7 +62,7 @@ def view_files(
         raise ValueError(f"--scale-cm {scale_cm:g} must be above 0 and finite; leave it out for a round one.")
     if Path(out).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"--out {out} is no page; name one that ends in .html.")
-    check_own(Path(out), [b'content="garment-jax view"'], "view")
+    check_free(Path(out), force)
     with ExitStack() as stack:
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         shown = choose(clips, truth=truth, start=start, stop=stop, every=every)

@@ -245,16 +245,6 @@ def test_the_motions_own_file_is_not_overwritten(tmp_path: Path):
         animate_file(tiny_model(), clip, tmp_path / "." / "clip.h5")
 
 
-def test_a_simulation_is_not_overwritten_and_an_earlier_prediction_is(tmp_path: Path):
-    clip, other = write_clip(tmp_path / "clip.h5", 4), write_clip(tmp_path / "other.h5", 4)
-    before = other.read_bytes()
-    with pytest.raises(ValueError, match=r"other\.h5 is there and neither infer\.py nor collide wrote it"):
-        animate_file(tiny_model(), clip, other)
-    assert other.read_bytes() == before
-    for _ in range(2):
-        animate_file(tiny_model(), clip, tmp_path / "out.h5", collision=False)
-
-
 def test_a_negative_preroll_is_refused():
     with pytest.raises(ValueError, match="--preroll -3 is negative"):
         frames_of(tiny_model(), make_motion(SCENE, 4), preroll=-3)

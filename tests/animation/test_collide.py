@@ -276,19 +276,17 @@ def test_what_is_read_is_not_overwritten(tmp_path, thin, same):
         collide_file(**words)
 
 
-def test_a_simulation_is_not_overwritten_and_an_earlier_run_is(tmp_path, thin, monkeypatch):
+def test_what_is_there_is_replaced_with_force_alone(tmp_path, thin, monkeypatch):
     simulated = tmp_path / "simulated.h5"
     with SequenceWriter(simulated, SCENE, MOTION) as writer:
         writer.append(make_vertices(SCENE, MOTION))
     before = simulated.read_bytes()
-    with pytest.raises(
-        ValueError, match=r"simulated\.h5 is there and neither infer\.py nor collide wrote it"
-    ):
+    with pytest.raises(ValueError, match=r"simulated\.h5 is there already; --force replaces it, or name"):
         collide_file(thin, simulated)
     assert simulated.read_bytes() == before
-    for given in (thin, simulated):  # what comes of either may be made again
-        for _ in range(2):
-            collide_file(given, tmp_path / "out.h5")
+    collide_file(thin, simulated, force=True)
+    with open_sequence(simulated) as made:
+        assert made.attributes["collision_eps_m"] > 0
 
 
 def test_the_summary_names_the_frames_with_a_limb_through_the_cloth():

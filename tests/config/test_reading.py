@@ -223,6 +223,15 @@ def test_wrong_overrides_are_refused(words: list[str], message: str) -> None:
         apply_overrides(Config(), words)
 
 
+def test_the_packages_configurations_are_known_by_name(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load_config("demo") == load_config(CONFIGS / "demo.toml")
+    (tmp_path / "demo").write_text("[uv]\nsize = 16\n")
+    assert load_config("demo").uv.size == 16  # a file of the user's comes first
+    with pytest.raises(FileNotFoundError, match="No configuration file 'dmo'"):
+        load_config("dmo")
+
+
 def test_wrong_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"No configuration file '.*none\.toml'"):
         load_config(tmp_path / "none.toml")

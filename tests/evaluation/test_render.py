@@ -37,23 +37,20 @@ def test_a_pair_gives_sheet_curve_side_view_and_film(pair, tmp_path, monkeypatch
         assert film.n_frames == 3
 
 
-def test_pictures_of_others_are_not_replaced_and_its_own_are(pair, tmp_path, monkeypatch):
+def test_pictures_are_replaced_with_force_alone(pair, tmp_path, monkeypatch):
     monkeypatch.setattr(render, "FILM_HEIGHT", 48)
     names = ["p.gif", "p_error.png", "p_sheet.png"]
     options = {"frames": 1, "height": 60, "animation": True, "seconds": 0.1}
-    for _ in range(2):
-        render_files(pair, tmp_path, **options)
-    assert sorted(path.name for path in tmp_path.iterdir()) == names
     for name in names:
-        whole = (tmp_path / name).read_bytes()
-        with Image.open(tmp_path / name) as picture:
-            pixels = np.asarray(picture.convert("RGB"))
-        Image.fromarray(pixels).save(tmp_path / name)  # as any other program would write it
-        before = (tmp_path / name).read_bytes()
-        with pytest.raises(ValueError, match=rf"{name} is there and render did not write it; name another"):
+        (tmp_path / name).write_text("somebody's")
+        with pytest.raises(ValueError, match=rf"{name} is there already; --force replaces it, or name"):
             render_files(pair, tmp_path, **options)
-        assert (tmp_path / name).read_bytes() == before
-        (tmp_path / name).write_bytes(whole)
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        (tmp_path / name).unlink()
+    (tmp_path / names[0]).write_text("somebody's")
+    render_files(pair, tmp_path, force=True, **options)
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert (tmp_path / names[0]).read_bytes().startswith(b"GIF")
 
 
 def test_a_frame_that_is_not_finite_is_named(tmp_path):

@@ -13,7 +13,6 @@ from garment_jax.io.formats.any_mesh_cache import read_cache
 from garment_jax.io.formats.obj import read_obj
 from garment_jax.io.formats.pc2 import read_pc2_header
 from garment_jax.io.sequence import open_sequence
-from garment_jax.storage.lock import lock_name, locked
 from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene, skin, write_clip
 
@@ -79,7 +78,7 @@ def test_part_of_a_clip_in_centimetres_with_z_up(tmp_path: Path, clip: Path, tru
 def test_frame_offset_and_rate_are_written(tmp_path: Path, clip: Path):
     options: dict[str, Any] = {"frame_offset": 101, "fps": 24, "stop": 4}
     for format in ("pc2", "mdd", "obj", "npz"):
-        export_file(clip, tmp_path / OUT[format], format=format, **options)
+        export_file(clip, tmp_path / OUT[format], format=format, force=True, **options)  # one a.obj
     assert read_pc2_header(tmp_path / "a.pc2").first_frame == 101
     mdd = read_cache(tmp_path / "a.mdd")
     assert mdd.fps == 24
@@ -116,82 +115,36 @@ def test_the_obj_beside_a_cache_has_its_vertices_in_order(tmp_path: Path, clip: 
     np.testing.assert_array_equal(read_obj(tmp_path / "a_body.obj").faces, scene.body.faces)
 
 
-def test_frames_that_are_there_already_are_the_result(tmp_path: Path, clip: Path, capsys):
-    """A run that was killed after its last file has made them; others stay, and are refused."""
-    words = ["export", str(clip), "--format", "obj", "--stop", "2", "--out", str(tmp_path / "frames")]
-    assert main(words) == 0
-    made = tmp_path / "frames/garment_0001.obj"
-    inode = made.stat().st_ino
-    assert main(words) == 0
-    assert made.stat().st_ino == inode
-    made.write_text("v 0 0 0\n")
-    assert main(words) == 2
-    assert "frames is a folder that is not empty; name a new one" in capsys.readouterr().err
-    assert made.read_text() == "v 0 0 0\n"
+def test_frames_are_replaced_as_a_whole(tmp_path: Path, clip: Path):
+    frames = tmp_path / "frames"
+    export_file(clip, frames, format="obj", stop=4)
+    whole = (frames / "garment_0001.obj").read_text()
+    (frames / "garment_0001.obj").write_text("v 0 0 0\n")
+    with pytest.raises(ValueError, match="frames is there already; --force replaces it, or name another"):
+        export_file(clip, frames, format="obj", stop=2)
+    export_file(clip, frames, format="obj", stop=2, force=True)
+    assert sorted(path.name for path in frames.iterdir()) == ["body", "garment_0000.obj", "garment_0001.obj"]
+    assert (frames / "garment_0001.obj").read_text() == whole
+    (frames / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="frames is a folder that holds other files; name another --out"):
+        export_file(clip, frames, format="obj", stop=2, force=True)
     assert [path.name for path in tmp_path.iterdir()] == ["frames"]
 
 
-def test_two_caches_of_one_mesh_are_not_exported_at_once(tmp_path: Path, clip: Path):
-    """Each writes the mesh's file with the names of both: one would forget the other."""
-    held = locked(tmp_path, "exporting a", name=lock_name("a"))
-    with held, pytest.raises(OSError, match=r"exporting a in .* wait until it ends, or name another --out"):
-        export_file(clip, tmp_path / "a.mdd", stop=2)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_obj_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, capsys):
-    (tmp_path / "skirt.obj").write_text("v 0 0 0\n")
-    for name in ("skirt.pc2", "skirt.mdd"):
-        assert main(["export", str(clip), "--out", str(tmp_path / name)]) == 2
-        assert f"{tmp_path}/skirt.obj is there and no export wrote it" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["skirt.obj"]
-    assert (tmp_path / "skirt.obj").read_text() == "v 0 0 0\n"
-    for _ in range(2):  # its own it replaces
-        assert main(["export", str(clip), "--out", str(tmp_path / "a.pc2")]) == 0
-
-
-@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.usda", "a.usdc", "a.usdz"])
-def test_a_file_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
+@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.usda", "a.usdc", "a.usdz", "a.pc2", "a.mdd", "a.obj"])
+def test_what_is_there_is_replaced_with_force_alone(tmp_path: Path, clip: Path, name: str, capsys):
+    """`a.obj` is the mesh beside the cache: it may be the garment's source."""
     if "usd" in name:
         pytest.importorskip("pxr")
-    out = tmp_path / name
-    export_file(clip, out, stop=3)
-    export_file(clip, out, stop=2)
-    np.savez(tmp_path / "rig.npz", weights=np.eye(3), vertices=np.zeros((3, 3)))  # somebody's body
-    (tmp_path / "rig.npz").rename(out)
-    before = out.read_bytes()
-    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
-        export_file(clip, out, stop=2)
-    assert out.read_bytes() == before
-
-
-def test_a_stage_of_another_program_is_not_replaced(tmp_path: Path, clip: Path):
-    pxr = pytest.importorskip("pxr.Usd")
-    out = tmp_path / "a.usda"
-    stage = pxr.Stage.CreateNew(str(out))
-    stage.DefinePrim("/Clip")
-    stage.Save()
-    with pytest.raises(ValueError, match=r"a\.usda is there and export did not write it"):
-        export_file(clip, out, stop=2)
-
-
-@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
-def test_a_cache_that_no_export_wrote_is_not_replaced(tmp_path: Path, clip: Path, name: str):
-    out = tmp_path / name
-    out.write_bytes(b"POINTCACHE2")
-    with pytest.raises(ValueError, match=rf"{name} is there and export did not write it; name another --out"):
-        export_file(clip, out, stop=2)
-    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".h5"] == [name]
-
-
-def test_a_cache_that_was_simulated_on_an_exported_mesh_is_not_replaced(tmp_path: Path, clip: Path):
-    export_file(clip, tmp_path / "a.pc2", stop=3)
-    (tmp_path / "a.mdd").write_bytes(b"somebody's simulation")
-    with pytest.raises(ValueError, match=r"a\.mdd is there and export did not write it"):
-        export_file(clip, tmp_path / "a.mdd", stop=2)
-    (tmp_path / "a.mdd").unlink()
-    for name in ("a.mdd", "a.pc2", "a.mdd"):  # each knows of both
-        export_file(clip, tmp_path / name, stop=2)
+    (tmp_path / name).write_bytes(b"somebody's")
+    out = tmp_path / ("a.pc2" if name == "a.obj" else name)
+    words = ["export", str(clip), "--stop", "2", "--out", str(out)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert said == f"error: {tmp_path / name} is there already; --force replaces it, or name another --out.\n"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert main([*words, "--force"]) == 0
+    assert (tmp_path / name).read_bytes() != b"somebody's"
 
 
 def test_the_command_says_what_it_wrote(tmp_path: Path, clip: Path, capsys):

@@ -102,7 +102,7 @@ def test_a_column_rnn_is_a_graph_of_its_own_from_the_skeleton_alone(folder: Path
     model, motion = column_rnn_model(base), make_motion(SCENE, 20)
     names = ("M", "turn", "shift") if template(base).W is None else ("M", "R", "t")
     save_model(model, folder / "columns", bits=32)
-    facts = export_step(folder / "columns", folder / "columns.onnx", clip=folder / "clip.h5")
+    facts = export_step(folder / "columns", folder / "columns.onnx", clip=folder / "clip.h5", force=True)
     assert facts["column_rnn_departure"] < 1e-4
     assert str(folder / "columns.column_rnn.onnx") in facts["files"]
     assert not (folder / "tiny.column_rnn.onnx").exists()
@@ -135,7 +135,7 @@ def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
     save_model(column_rnn_model(), folder / "before", bits=32)
     export_step(folder / "before", out, clip=clip, check=False)
     assert (folder / "left.column_rnn.onnx").exists()
-    export_step(folder / "tiny", out, clip=clip, check=False)
+    export_step(folder / "tiny", out, clip=clip, check=False, force=True)
     assert not (folder / "left.column_rnn.onnx").exists()
     assert (folder / "left.attach.onnx").exists()
 
@@ -143,9 +143,7 @@ def test_what_another_model_left_is_not_taken_for_this_ones(folder: Path):
 def test_graphs_of_others_are_neither_replaced_nor_removed(folder: Path):
     for name in ("own.onnx", "own.column_rnn.onnx"):
         (folder / name).write_bytes(b"somebody's graph")
-        with pytest.raises(
-            ValueError, match=rf"{name} is there and export did not write it; name another --out"
-        ):
+        with pytest.raises(ValueError, match=rf"{name} is there already; --force replaces it, or name"):
             export_step(folder / "tiny", folder / "own.onnx", clip=folder / "clip.h5", check=False)
         assert (folder / name).read_bytes() == b"somebody's graph"
         (folder / name).unlink()

@@ -7,7 +7,8 @@
 Just before every operation the command stands still while its folder is copied: that is what signal 9 leaves.
 In every copy that differs from the others no final file may be torn (it is the old one, the finished one or
 not there), the same command must end with the files of the uninterrupted one, byte for byte (of runs and of
-files that hold the time: with the same arrays), and nothing else may be left. Commands run in forks of one
+files that hold the time: with the same arrays), and nothing else may be left. One that finds a final file is
+refused and must do all that with `--force`. Commands run in forks of one
 process that has imported everything.
 """
 
@@ -90,6 +91,8 @@ def _goes_on(
         if not scratch and not early and content != expected.get(path):
             faults.append(f"{title}: {path} is torn")
     again = run(command, folder)
+    if again.code == 2 and "--force replaces it" in again.said:
+        again = run(command._replace(words=(*command.words, "--force")), folder)
     if again.code != whole.code:
         return [*faults, f"{title}: again: {again.code}: {again.said.strip()[-300:]}"]
     if contents(folder, command) != expected:

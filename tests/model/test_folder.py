@@ -38,7 +38,10 @@ def test_the_command_says_what_it_removed(tmp_path: Path, capsys: pytest.Capture
     first = save_model(tiny_model(), tmp_path / "first", bits=32)
     save_model(tiny_model(), tmp_path / "second")
     (tmp_path / "second" / "figures.json").write_text("{}")
-    main(["save", str(first), "--out", str(tmp_path / "second")])
+    words = ["save", str(first), "--out", str(tmp_path / "second")]
+    assert main(words) == 2
+    assert "second holds a model; --force replaces it, or name another --out" in capsys.readouterr().err
+    main([*words, "--force"])
     assert "removed figures.json, which belonged to the model replaced" in capsys.readouterr().out
 
 
@@ -109,7 +112,7 @@ def test_what_a_run_animates_is_saved_with_it(
     clip = write_clip(tmp_path / "polka.h5", scene=SCENE, motion=make_motion(SCENE, 4))
     assert main(["save", str(first), "--out", str(tmp_path / "second"), "--scene", str(clip)]) == 0
     assert main(["save", str(tmp_path / "second"), "--out", str(tmp_path / "third")]) == 0
-    assert f"see it move: garment-jax animate {tmp_path / 'third'}" in capsys.readouterr().out
+    assert f"next: garment-jax animate {tmp_path / 'third'}" in capsys.readouterr().err
     found = read_sample(tmp_path / "third")
     assert found is not None
     assert len(found.motion.root) == 4

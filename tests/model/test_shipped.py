@@ -60,4 +60,8 @@ def test_what_is_installed_has_the_models(monkeypatch: pytest.MonkeyPatch):
     assert given["package_dir"]["garment_jax.models"] == "models"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["tool"]["setuptools"]["package-data"]["garment_jax.models"] == ["*/*"]
-    assert {"garment_jax", "garment_jax.cli", "garment_jax.models"} <= set(given["packages"])
+    assert given["package_dir"]["garment_jax.configs"] == "configs"
+    assert project["tool"]["setuptools"]["package-data"]["garment_jax.configs"] == ["*.toml"]
+    assert {"garment_jax", "garment_jax.cli", "garment_jax.configs", "garment_jax.models"} <= set(
+        given["packages"]
+    )

@@ -97,7 +97,7 @@ def test_a_prediction_is_no_simulation_to_repeat_and_no_file_of_others_is_replac
     assert main(["floor", pred]) == 2
     assert "pred.h5 is predicted, not simulated; give the clip" in capsys.readouterr().err
     assert main(["floor", clip, "--out", pred]) == 2
-    assert "pred.h5 is there and floor did not write it" in capsys.readouterr().err
+    assert "pred.h5 is there already; --force replaces it" in capsys.readouterr().err
 
 
 def test_the_second_simulation_says_what_it_is_and_may_be_written_again(tmp_path: Path, monkeypatch, capsys):
@@ -107,8 +107,8 @@ def test_the_second_simulation_says_what_it_is_and_may_be_written_again(tmp_path
         return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, clip.read(0, 3))
 
     monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
-    for _ in range(2):
-        assert main(["floor", clip, "--start", "0", "--out", str(out)]) == 0
+    for force in ([], ["--force"]):
+        assert main(["floor", clip, "--start", "0", "--out", str(out), *force]) == 0
     with open_sequence(out) as again:
         assert again.attributes["kind"] == "simulated"
         assert again.attributes["restarted_at_frame"] == 0

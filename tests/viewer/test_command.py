@@ -46,7 +46,7 @@ def test_what_is_asked_for_is_in_the_page_and_nothing_else(pair, tmp_path):
     assert facts["sequences"][0]["inside"] is None
     assert (facts["title"], facts["scale_cm"]) == ("A <b>", 3)
     assert facts["sequences"][0]["colour"] == PREDICTION.tolist()  # as in films and sheets
-    view_files(pair, tmp_path / "p.html", penetration=True)
+    view_files(pair, tmp_path / "p.html", penetration=True, force=True)
     facts, blocks = read_page(tmp_path / "p.html")
     for sequence in facts["sequences"]:
         assert len(blocks[sequence["inside"]]) == 11 * 16
@@ -55,14 +55,13 @@ def test_what_is_asked_for_is_in_the_page_and_nothing_else(pair, tmp_path):
     np.testing.assert_allclose(colours / 255, body_colours(make_scene().body), atol=0.5 / 255)
 
 
-def test_a_page_that_view_did_not_write_is_not_replaced(pair, tmp_path):
+def test_a_page_is_replaced_with_force_alone(pair, tmp_path):
     out = tmp_path / "p.html"
-    for _ in range(2):
-        view_files(pair[:1], out)
     out.write_text("<p>mine</p>")
-    with pytest.raises(ValueError, match=r"p\.html is there and view did not write it"):
+    with pytest.raises(ValueError, match=r"p\.html is there already; --force replaces it, or name another"):
         view_files(pair[:1], out)
     assert out.read_text() == "<p>mine</p>"
+    assert view_files(pair[:1], out, force=True).bytes > 1000
 
 
 def test_world_metres_far_away_are_shown_too(tmp_path):
@@ -110,9 +109,9 @@ def test_the_command_line_says_what_it_wrote_and_refuses_in_a_sentence(pair, tmp
     out = tmp_path / "new" / "p.html"
     assert main(["view", str(pair[0]), str(pair[1]), "--out", str(out), "--no-body"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith(f"{out}  ")
-    assert main(["view", str(tmp_path / "none.h5"), "--out", str(out)]) == 2
+    assert main(["view", str(tmp_path / "none.h5"), "--out", str(out), "--force"]) == 2
     assert "none.h5" in capsys.readouterr().err
-    assert main(["view", str(pair[0]), "--out", str(out), "--start", "99"]) == 2
+    assert main(["view", str(pair[0]), "--out", str(out), "--start", "99", "--force"]) == 2
     assert "asked of" in capsys.readouterr().err
 
 

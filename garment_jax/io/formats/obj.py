@@ -6,7 +6,6 @@ no texture coordinates.
 
 import hashlib
 from array import array
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -166,28 +165,8 @@ def obj_faces(faces: np.ndarray, uv: np.ndarray | None = None, faces_uv: np.ndar
     return text + ("f %d/%d %d/%d %d/%d\n" * len(both)) % tuple(both.ravel().tolist())
 
 
-def write_obj(path: str | Path, vertices: np.ndarray, tail: str, notes: Sequence[str] = ()) -> None:
-    """Write comments, `vertices` `[n, 3]` in their order with nine digits (float32 exactly), then `tail`."""
-    text = HEAD + "".join(f"# {note}\n" for note in notes)
-    text += ("v %.9g %.9g %.9g\n" * len(vertices)) % tuple(np.asarray(vertices, np.float64).ravel().tolist())
-    Path(path).write_text(text + tail, encoding="utf-8")
-
-
-def is_our_obj(path: Path) -> bool:
-    """Return whether `write_obj` wrote a file."""
-    with path.open("rb") as file:
-        return file.read(len(HEAD)) == HEAD.encode()
-
-
-def notes_of(path: Path) -> list[str]:
-    """Return the notes that `write_obj` was given; none where there is no file of its."""
-    if not path.is_file() or not is_our_obj(path):
-        return []
-    notes = []
-    with path.open(encoding="utf-8") as file:
-        next(file)
-        for line in file:
-            if not line.startswith("# "):
-                break
-            notes.append(line[2:].rstrip("\n"))
-    return notes
+def write_obj(path: str | Path, vertices: np.ndarray, tail: str) -> None:
+    """Write a comment, `vertices` `[n, 3]` in their order with nine digits (float32 exactly), then `tail`."""
+    numbers = np.asarray(vertices, np.float64).ravel().tolist()
+    text = ("v %.9g %.9g %.9g\n" * len(vertices)) % tuple(numbers)
+    Path(path).write_text(HEAD + text + tail, encoding="utf-8")

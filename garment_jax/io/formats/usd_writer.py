@@ -79,17 +79,6 @@ def _new_stage(path: Path, pxr: Any, fps: float, first_frame: float, count: int)
     return stage
 
 
-def is_our_usd(path: Path) -> bool:
-    """Return whether `write_usd` wrote a file."""
-    pxr = load_pxr()
-    try:
-        # not from a cache of what was there before, and its head alone: a stage of text is parsed whole
-        layer = pxr.Sdf.Layer.OpenAsAnonymous(str(path), True)
-    except pxr.Tf.ErrorException:
-        return False
-    return layer is not None and bool(layer.customLayerData.get(_WRITER))
-
-
 def _add_mesh(stage: Any, mesh: UsdMesh, pxr: Any) -> Any:
     """Define a mesh below the default prim: triangles, texture coordinates, no subdivision."""
     geometry = pxr.UsdGeom.Mesh.Define(stage, f"/Clip/{mesh.name}")
