@@ -302,9 +302,9 @@ def test_a_budget_chooses_a_measured_variant(tmp_path: Path, clip, monkeypatch, 
     assert "whole model 1.00 cm, 5.5 ms" in said
     with open_sequence(out) as made:
         assert made.extra_names == ("outside_training_range",)
-    sentence = refused(call(infer, [*words, "0.5"], monkeypatch), capsys.readouterr())
+    sentence = refused(call(infer, [*words, "0.5", "--force"], monkeypatch), capsys.readouterr())
     assert "the fastest, 'no collision, no detail', takes 1.0 ms a frame" in sentence
-    assert call(infer, [*words[:-1], "--no-collision", "--lod", "2", "--plan"], monkeypatch) == 0
+    assert call(infer, [*words[:-1], "--no-collision", "--lod", "2", "--plan", "--force"], monkeypatch) == 0
     assert "too fine to see: it moves the cloth by 0.4 mm, a pixel covers 2 mm" in capsys.readouterr().out
 
 
@@ -320,11 +320,12 @@ def test_a_budget_without_the_column_rnn_chooses_among_variants_without(
     words = [str(folder), "--motion", clip, "--out", out, "--budget-ms"]
     assert call(infer, [*words, "9"], monkeypatch) == 0
     assert "budget 9 ms: whole," in capsys.readouterr().out
-    assert call(infer, [*words, "9", "--no-column-rnn", "--plan"], monkeypatch) == 0
+    assert call(infer, [*words, "9", "--no-column-rnn", "--plan", "--force"], monkeypatch) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "budget 9 ms: no column RNN," in said
     assert "column_rnn off - not wanted: latents alone move the cloth" in said
-    asked = [*words, "9", "--no-column-rnn", "--no-detail"]  # the third would leave collisions unhandled
+    # the third variant would leave collisions unhandled
+    asked = [*words, "9", "--no-column-rnn", "--no-detail", "--force"]
     sentence = refused(call(infer, asked, monkeypatch), capsys.readouterr())
     assert "no variant without just the column RNN and detail has been measured" in sentence
 
@@ -345,7 +346,7 @@ def test_a_prediction_is_named_after_its_motion(tmp_path: Path, model, clip, mon
 def test_training_and_inference_are_commands_too(config, tmp_path: Path, model, clip, monkeypatch, capsys):
     seen = {}
     monkeypatch.setattr(
-        "garment_jax.training.pipeline.train", lambda _, run, **given: seen.update(given, run=run)
+        "garment_jax.training.pipeline.train", lambda _, run, **given: seen.update(given, run=run) or run
     )
     words = ["train", "--motion.steps=7", config, "--generative.steps", "5", "--out", "here"]
     assert garment_jax(words) == 0

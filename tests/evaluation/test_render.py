@@ -76,7 +76,7 @@ def test_the_height_is_the_film_s_too_and_the_head_is_in_view(pair, tmp_path, mo
     written = render_files(pair[1:], tmp_path, **options)
     with Image.open(written[1]) as film:
         assert film.height == 50
-    render_files(pair[1:], tmp_path, **options, whole_body=False)
+    render_files(pair[1:], tmp_path, **options, whole_body=False, force=True)
     whole, close = framed[0], framed[2]
     top = make_scene().body.vertices[:, 1].max()
     assert whole.middle + whole.span / 2 > top > close.middle + close.span / 2
