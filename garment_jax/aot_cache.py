@@ -80,7 +80,8 @@ class ProgramStore:
         """Begin to read the programs that were used for the same `purpose` last time.
 
         A large one takes two seconds, mostly outside Python's lock: as long as what comes before it is asked
-        for, the rest of the imports and a scene's tables. What is asked for in the end decides, not the list.
+        for. What is asked for in the end decides, not the list. This thread does the imports: two that import
+        the same modules would wait for each other.
         """
         if self._folder is None:
             return
@@ -89,7 +90,7 @@ class ProgramStore:
         with suppress(OSError, UnicodeError):
             self._listed = self._list.read_text(encoding="utf-8").split()
         for name in self._listed:
-            self._begun[name] = self._pool.submit(_read, self._folder / Path(name).name)
+            self._begun[name] = self._pool.submit(_loaded, _unpickled(self._folder / Path(name).name))
 
     def program(
         self,
@@ -317,13 +318,25 @@ def surroundings() -> str:
 
 
 def _read(path: Path) -> tuple[Any, Any] | None:
+    return _loaded(_unpickled(path))
+
+
+def _unpickled(path: Path) -> tuple | None:
+    """Return what was kept; imports the modules of the trees in it."""
     try:
-        payload, in_tree, out_tree, shapes = pickle.loads(path.read_bytes())
+        kept = pickle.loads(path.read_bytes())
         os.utime(path)  # the most recently used stay
-        return deserialize_and_load(payload, in_tree, out_tree), shapes
-    except FileNotFoundError:
+    except Exception:  # not there, cut short, or of another version: made anew
         return None
-    except Exception:  # cut short, of another version, or not for this machine: made anew
+    return kept if isinstance(kept, tuple) else None
+
+
+def _loaded(kept: tuple | None) -> tuple[Any, Any] | None:
+    """Return the program, and the shapes of what it returns."""
+    try:
+        payload, in_tree, out_tree, shapes = kept or ()
+        return deserialize_and_load(payload, in_tree, out_tree), shapes
+    except Exception:  # damaged, or not for this machine: made anew
         return None
 
 

@@ -80,9 +80,8 @@ def test_what_the_last_run_used_is_read_before_it_is_asked_for(tmp_path: Path, m
     first = start("dance")
     answer(first)
     read: list[str] = []
-    monkeypatch.setattr(
-        aot_cache, "_read", lambda path, known=aot_cache._read: read.append(path.name) or known(path)
-    )
+    known = aot_cache._unpickled
+    monkeypatch.setattr(aot_cache, "_unpickled", lambda path: read.append(path.name) or known(path))
     again = start("dance")
     for begun in list(again._begun.values()):
         begun.result()
