@@ -333,8 +333,10 @@ def _unpickled(path: Path) -> tuple | None:
 
 def _loaded(kept: tuple | None) -> tuple[Any, Any] | None:
     """Return the program, and the shapes of what it returns."""
+    if kept is None:
+        return None
     try:
-        payload, in_tree, out_tree, shapes = kept or ()
+        payload, in_tree, out_tree, shapes = kept
         return deserialize_and_load(payload, in_tree, out_tree), shapes
     except Exception:  # damaged, or not for this machine: made anew
         return None
