@@ -9,7 +9,7 @@ from garment_jax.progress import FrameProgress
 NEXT = {
     "html": "open it in a browser",
     "glb": "import it in Blender, Unity or Unreal, or open it in a glTF viewer",
-    "usd": "open it in Blender, Houdini or usdview",
+    "usd": "open it in Houdini or usdview, or in Blender once its scene has the clip's frame rate",
     "abc": "import it in Blender, Maya or Houdini",
     "pc2": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",
     "mdd": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",

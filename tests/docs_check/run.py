@@ -82,7 +82,9 @@ def make_files(folder: Path) -> None:
     write_glb(folder / "me.glb", SCENE.body)
     write_body(folder / "me.npz", SCENE.body)
     write_obj(folder / "skirt.obj", SCENE.garment)
-    shutil.copy(folder / "skirt.obj", folder / "demo.obj")
+    for name in ("demo.obj", "X.obj"):
+        shutil.copy(folder / "skirt.obj", folder / name)
+    shutil.copy(folder / "configs/demo.toml", folder / "demo")  # the package's configuration of that name
     (folder / "moves").mkdir()
     for k, name in enumerate(("walk", "run", "jump")):
         write_bvh(folder / f"moves/{name}.bvh", SCENE.body, make_motion(SCENE, 18, seed=k))
@@ -100,6 +102,8 @@ def reason(command: Command) -> str:
 def run(command: Command, folder: Path) -> str:
     """Run a command in a folder; return the end of what it said where it failed."""
     name, *words = meant(command.words)
+    if words[:1] == ["simulate"] and "--out" in words:  # a reader's is new; here it holds imported clips
+        shutil.rmtree(folder / words[words.index("--out") + 1], ignore_errors=True)
     program = ["-m", "garment_jax"] if name == "garment-jax" else [str(ROOT / name)]
     settings = {"JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1", "PYTHONPATH": str(ROOT)}
     settings["GARMENT_JAX_CACHE"] = str(ROOT / ".cache" / "docs_check")
