@@ -17,7 +17,7 @@ def add(commands) -> None:
         examples="  garment-jax models",
         does="list the models that come with the package",
         description="What `garment-jax animate NAME` takes. RMSE is the mean over the test clips of "
-        "figures.json, ms a frame that of variants.json, on the machines named there.",
+        "figures.json, ms a frame that of variants.json or figures.json, on the machines named there.",
     )
     parser.set_defaults(run=run)
 
@@ -46,13 +46,14 @@ def model_row(name: str, folder: Path) -> tuple[str, ...]:
     facts, figures, variants = (_read(folder / n) for n in (FACTS, "figures.json", "variants.json"))
     size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) / 1e6
     errors = [clip["rmse_cm"] for clip in figures.get("clips", {}).values()]
-    whole = next((v for v in variants.get("variants", []) if v["name"] == "whole"), None)
+    times = [v["ms"] for v in variants.get("variants", []) if v["name"] == "whole"]
+    ms = next(iter(times), figures.get("ms_per_frame"))
     picture = folder / PICTURE
     return (
         name,
         str(facts.get("vertices", "-")),
         f"{size:.1f}",
-        f"{whole['ms']:.1f}" if whole else "-",
+        "-" if ms is None else f"{ms:.1f}",
         f"{sum(errors) / len(errors):.2f}" if errors else "-",
         str(picture) if picture.is_file() else "-",
     )

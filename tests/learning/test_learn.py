@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from garment_jax.cli.models import model_row
 from garment_jax.learning import budget, learn, motions
 from garment_jax.learning.calibration import Calibration
 from garment_jax.learning.learn import Given, Learnt, Wanted
@@ -89,6 +90,7 @@ def test_a_stopped_call_goes_on_to_a_model_that_runs_alone(
     assert after["done"]
     figures = json.loads((out / "figures.json").read_text())
     assert figures["clips"]["b"]["rmse_cm"] == pytest.approx(learnt.rmse_cm, abs=1e-4)
+    assert model_row("model", out)[3] == f"{figures['ms_per_frame']:.1f}" != "0.0"
     assert "column_rnn" in load_model(find_model(out)).params
     assert {path.name for path in out.iterdir()} >= {
         "picture.png",
