@@ -158,7 +158,9 @@ def write_animation(
             say(note)
         title = title or (output.path.stem if output.motion is None else output.motion.stem)
         made = None if planning else place / f"{title}.animation.h5"
-        page = show_early and EarlyPage(place, title, body=shape.body, show=show_early)
+        page, kept = None, opened.here.folder
+        if show_early is not None and kept is not None:
+            page = EarlyPage(place, kept, title, body=shape.body, show=show_early)
         early = Early(page.sequence, page) if page else None
         for line in infer_motion(opened, moves, made, asked, early=early):
             say(line.replace(f"{made}: ", f"{title}: "))

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_shipped_model_is_whole_and_at_most_12_MB():
-    assert set(shipped_models()) >= {"skirt"}
+    assert set(shipped_models()) >= {"skirt", "dress", "circle_skirt"}
     for folder in shipped_models().values():
         names = {path.name for path in folder.iterdir()}
         assert names >= {"scene.h5", "picture.png", "figures.json", "LICENSES.md"}, folder
@@ -43,12 +43,15 @@ def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest
 
 def test_the_list_has_sizes_times_errors_and_pictures(capsys: pytest.CaptureFixture[str]):
     assert main(["models"]) == 0
-    head, row, *rest = capsys.readouterr().out.splitlines()
+    head, *rows = capsys.readouterr().out.splitlines()
     assert head.split() == ["name", "vertices", "MB", "ms/frame", "RMSE", "cm", "picture"]
-    assert row.split()[:2] == ["skirt", "2800"]
-    assert row.split()[4] == "3.26"
-    assert Path(row.split()[-1]).is_file()
-    assert len(rest) <= 8
+    listed = {row.split()[0]: row.split() for row in rows}
+    assert set(listed) == set(shipped_models())
+    assert (listed["skirt"][1], listed["skirt"][4]) == ("2800", "3.26")
+    for _, vertices, size, ms, error, picture in listed.values():
+        assert 0 < float(ms) < float(vertices)
+        assert 0 < float(error) < float(size)
+        assert Path(picture).is_file()
 
 
 def test_what_is_installed_has_the_models(monkeypatch: pytest.MonkeyPatch):
