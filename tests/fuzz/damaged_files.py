@@ -86,7 +86,7 @@ def judge(trial: Trial, name: str) -> set[str]:
         found.add("traceback")
     if trial.code < 0:
         found.add("hang" if trial.code == -signal.SIGALRM else "crash")
-    lines = trial.text.splitlines()
+    lines = [line for line in trial.text.splitlines() if not line.startswith("next: ")]
     if any(not _SAID.match(line) for line in lines) and "traceback" not in found:
         found.add("noise")
     if trial.memory > MEMORY:
