@@ -33,6 +33,7 @@ from garment_jax.postprocess.figures import per_frame_columns
 from garment_jax.progress import FrameProgress
 from garment_jax.structs import Motion, Scene
 
+STILL = 10.0  # ranges beyond a feature's from which on it hardly moved in training: a stiff back, say
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
 
 
@@ -249,11 +250,7 @@ def _animate_open(
             for column, values in per_frame_columns(figures).items():
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:
-        print(
-            f"{name}: the motion leaves the training range by up to {outside.max():.0%} of it "
-            f"({worst}, frame {int(outside.argmax())}); expect less there.",
-            file=sys.stderr,
-        )
+        print(f"{name}: {_beyond_range(float(outside.max()), worst, int(outside.argmax()))}", file=sys.stderr)
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
 
 
@@ -302,6 +299,16 @@ def animator_for(
             name=name,
         )
     return known[key]
+
+
+def _beyond_range(ranges: float, feature: str, frame: int) -> str:
+    """Return the sentence on a motion that leaves the training range by so many `ranges` of a feature."""
+    if ranges > STILL:
+        return f"{feature} moves in frame {frame} and hardly did in training; expect less there."
+    return (
+        f"the motion leaves the training range by up to {ranges:.0%} of it ({feature}, frame {frame}); "
+        "expect less there."
+    )
 
 
 def _column(frames: int, first: np.ndarray) -> np.ndarray:

@@ -87,6 +87,18 @@ def test_a_refused_motion_does_not_keep_the_next_from_an_animator(tmp_path: Path
     assert len(known) == 1
 
 
+@pytest.mark.parametrize(
+    ("ranges", "said"),
+    [
+        (0.256, "the motion leaves the training range by up to 26% of it (Spine rotation 4, frame 7); "),
+        (122.15, "Spine rotation 4 moves in frame 7 and hardly did in training; "),
+    ],
+)
+def test_what_a_motion_is_told_that_leaves_the_training_range(ranges: float, said: str):
+    module = sys.modules["garment_jax.animation.animate"]
+    assert module._beyond_range(ranges, "Spine rotation 4", 7) == said + "expect less there."
+
+
 def test_moving_100_m_and_turning_137_degrees_changes_less_than_a_tenth_of_a_millimetre():
     here = make_motion(SCENE, 100, seed=2)
     turn = yaw_matrix(np.array(np.radians(137.0)))
