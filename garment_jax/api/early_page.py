@@ -3,6 +3,7 @@
 import html
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from garment_jax.storage.whole import write_text
@@ -12,7 +13,10 @@ KEPT = 4  # pages in the folder: a browser may still be busy when the command ha
 
 
 class EarlyPage:
-    """A page that gives way to the finished one; `folder`, the cache's, goes on leading there."""
+    """A page that gives way to the finished one; `folder`, the cache's, goes on leading there.
+
+    A disk that takes no page spoils nothing: the animation is somewhere else.
+    """
 
     def __init__(
         self, place: Path, folder: Path, title: str, *, body: bool, show: Callable[[Path], bool]
@@ -23,6 +27,11 @@ class EarlyPage:
 
     def __call__(self) -> None:
         """Write the page of the frames in `sequence` and show it."""
+        with suppress(OSError):
+            self._make()
+            self._open = self._show(self.path)
+
+    def _make(self) -> None:
         from garment_jax.viewer.command import view_files
 
         for old in sorted(self.path.parent.glob("first-frames-*.html"), key=os.path.getmtime)[: 1 - KEPT]:
@@ -31,13 +40,13 @@ class EarlyPage:
         made = self.sequence.with_suffix(".html")
         view_files([self.sequence], made, title=title, body=self._body)
         self._write(made.read_text(encoding="utf-8"), f"{SECONDS}")
-        self._open = self._show(self.path)
 
     def give_way(self, page: Path) -> None:
         """Let the page that is open become the finished one."""
         if self._open:
             url = html.escape(page.resolve().as_uri())
-            self._write("<!doctype html><meta charset=utf-8>\n", f"0; url={url}")
+            with suppress(OSError):
+                self._write("<!doctype html><meta charset=utf-8>\n", f"0; url={url}")
 
     def _write(self, text: str, refresh: str) -> None:
         mark = text.index(">", text.index("<meta charset")) + 1

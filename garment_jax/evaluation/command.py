@@ -25,6 +25,7 @@ from garment_jax.evaluation.summary import clip_figures
 from garment_jax.io.sequence import Sequence, open_sequence
 
 WINDOW = 64  # frames read at a time
+SIMULATE = "simulate the truth's motion a second time (garment-jax floor TRUTH --out SECOND)."
 
 
 def evaluate_files(
@@ -85,11 +86,22 @@ def evaluate_files(
 
 
 def _parting(again: Path, truth: Sequence) -> Columns:
-    """Return how far a second simulation is from the first in every frame, RMSE cm."""
+    """Return how far a second simulation is from the first in every frame, RMSE cm.
+
+    Raises `ValueError` for what is none: a prediction, another motion, a file in another unit.
+    """
     with open_sequence(again) as other:
-        check_pair(other, truth)
+        check_pair(other, truth, remedy=SIMULATE)
+        if other.attributes.get("kind") == "predicted":
+            raise ValueError(f"--again {again} is predicted; {SIMULATE}")
         windows = [(k, min(k + WINDOW, truth.frames)) for k in range(0, truth.frames, WINDOW)]
         away = [rmse_per_frame(read_finite(other, *w), read_finite(truth, *w)) for w in windows]
+    size = 100.0 * float(np.ptp(truth.scene.garment.template, axis=0).max())
+    if away[0][0] > size:
+        raise ValueError(
+            f"--again {again} is {away[0][0]:.0f} cm from {truth.path} in frame 0, more than the garment is "
+            f"long ({size:.0f} cm): another unit or place; {SIMULATE}"
+        )
     return {"again_rmse_cm": np.concatenate(away)}
 
 

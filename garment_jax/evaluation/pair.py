@@ -8,21 +8,23 @@ ROOT_TOLERANCE = 1e-3  # metres
 ROTATION_TOLERANCE = 1e-3  # entries of a rotation matrix, about 0.06 degrees
 
 
-def check_pair(pred: Sequence, truth: Sequence) -> None:
-    """Raise `ValueError` naming the first thing in which `pred` and `truth` differ."""
+PREDICT = "predict with the truth file as the motion."
+
+
+def check_pair(pred: Sequence, truth: Sequence, *, remedy: str = PREDICT) -> None:
+    """Raise `ValueError` naming the first thing in which `pred` and `truth` differ, with a `remedy`."""
     check_order(pred, truth)
     check_garment(pred, truth)
     if pred.frames != truth.frames:
         raise ValueError(
-            f"{pred.path} has {pred.frames} frames but {truth.path} has {truth.frames}; "
-            "predict with the truth file as the motion."
+            f"{pred.path} has {pred.frames} frames but {truth.path} has {truth.frames}; {remedy}"
         )
     if not np.isclose(pred.fps, truth.fps):
         raise ValueError(
             f"{pred.path} runs at {pred.fps:g} fps but {truth.path} at {truth.fps:g}; "
             "resample one of them to the other's rate."
         )
-    check_motion(pred, truth, truth.frames)
+    check_motion(pred, truth, truth.frames, remedy=remedy)
 
 
 def check_order(pred: Sequence, truth: Sequence) -> None:
@@ -51,7 +53,7 @@ def check_garment(pred: Sequence, truth: Sequence) -> None:
         )
 
 
-def check_motion(pred: Sequence, truth: Sequence, frames: int) -> None:
+def check_motion(pred: Sequence, truth: Sequence, frames: int, *, remedy: str = PREDICT) -> None:
     """Raise `ValueError` unless the first `frames` frames, which both must have, move alike."""
     ours, theirs = pred.motion, truth.motion
     if ours.rotations.shape[1] != theirs.rotations.shape[1]:
@@ -67,7 +69,7 @@ def check_motion(pred: Sequence, truth: Sequence, frames: int) -> None:
         raise ValueError(
             f"the motions of {pred.path} and {truth.path} differ at frame {frame} (root by "
             f"{100 * float(away[frame]):.2f} cm, rotations by {float(turned[frame]):.3f}); "
-            "predict with the truth file as the motion."
+            f"{remedy}"
         )
 
 

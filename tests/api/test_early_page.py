@@ -35,3 +35,15 @@ def test_a_page_that_nobody_opened_gives_way_to_none(tmp_path: Path):
     before = page.path.read_bytes()
     page.give_way(tmp_path / "walk.html")
     assert page.path.read_bytes() == before
+
+
+def test_a_folder_that_takes_no_page_spoils_nothing(tmp_path: Path):
+    shown: list[Path] = []
+    page = EarlyPage(
+        tmp_path, tmp_path / "gone", "walk", body=False, show=lambda path: not shown.append(path)
+    )
+    (tmp_path / "gone").touch()
+    write_clip(page.sequence, frames=3)
+    page()
+    page.give_way(tmp_path / "walk.html")
+    assert not shown

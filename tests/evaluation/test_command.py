@@ -180,9 +180,20 @@ def test_a_second_simulation_says_which_frames_are_determined(pair, result, scen
     assert metrics["parted_error_ratio"] == pytest.approx(np.sqrt((error[25:] ** 2).mean()) / 2, rel=1e-4)
     assert result["metrics"].items() <= metrics.items()
     assert format_table(found).splitlines()[0].split("|")[3].strip() == "determined %"
-    other = make_motion(scene, FRAMES, seed=5)
-    with pytest.raises(ValueError, match=r"the motions of .*again.h5 and .*truth.h5 differ at frame"):
-        evaluate_files(*pair, again=_write(tmp_path / "again.h5", scene, other, V))
+
+
+def test_what_is_no_second_simulation_is_refused_with_how_to_make_one(pair, scene, tmp_path):
+    with open_sequence(pair[1]) as clip:
+        motion, V = clip.motion, clip.read(0, clip.frames)
+    again, other = tmp_path / "again.h5", make_motion(scene, FRAMES, seed=5)
+    for moves, vertices, about, said in (
+        (other, V, {}, r"the motions of .*again.h5 and .*truth.h5 differ at frame"),
+        (motion, V, {"kind": "predicted"}, r"--again .*again.h5 is predicted"),
+        (motion, 100 * V, {}, r"--again .*again.h5 is [0-9]+ cm from .*truth.h5 in frame 0"),
+    ):
+        _write(again, scene, moves, vertices, attributes=about)
+        with pytest.raises(ValueError, match=said + r".*a second time \(garment-jax floor"):
+            evaluate_files(*pair, again=again)
 
 
 def test_speed_is_that_of_the_vertices_past_the_root(pair, result):
