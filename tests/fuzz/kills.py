@@ -74,7 +74,10 @@ def _kill_run(
             covered += len(numbers)
             shutil.rmtree(folder)
             (Path(place) / str(numbers[0])).rename(folder)
-            faults += _goes_on(f"{name} at {numbers[0]}", command, folder, whole, expected, there)
+            wrong = _goes_on(f"{name} at {numbers[0]}", command, folder, whole, expected, there)
+            faults += wrong
+            for fault in wrong:  # a run takes an hour: what it finds is said at once
+                print(fault, flush=True)
             if covered % 10 < len(numbers):
                 print(f"{name}: {covered} of {whole.operations}", flush=True)
         return covered, faults
