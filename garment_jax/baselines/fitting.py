@@ -13,8 +13,8 @@ from garment_jax.config import Config, GenerativeConfig, to_dict
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.io.content_hash import garment_hash
 from garment_jax.model.store import Model, load_model, save_model
-from garment_jax.training.run import Run, open_run, say
-from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
+from garment_jax.training.run import Run, open_run
+from garment_jax.training.simulated_clips import check_simulation
 
 MODEL = "model"  # folder inside a run's; appears when the fit has ended
 
@@ -59,11 +59,10 @@ def open_baseline(
     if generative is not None:
         config = dataclasses.replace(config, generative=generative)
     own = {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)}
-    simulated, windows = config.simulation.clips > 0, {"motion": config.motion.window}
 
     def check(data: DataSet) -> None:
-        if simulated:
-            check_simulation(config.simulation, data.fps, windows)
+        if config.simulation.clips:
+            check_simulation(config.simulation, data.fps, {"motion": config.motion.window})
 
     run = open_run(
         config,
@@ -71,14 +70,9 @@ def open_baseline(
         data_dir=data_dir,
         more_facts={"method": name, "baselines": own},
         check=check,
-        unposed=not simulated,
+        unposed=generative is not None,
     )
     with run.log:
-        if simulated:  # the same as ours, of the same seed
-            data = with_simulated_clips(
-                run.data, config, posed=True, unposed=generative is not None, windows=windows, say=say
-            )
-            run = run._replace(data=data)
         yield run
 
 

@@ -150,16 +150,33 @@ class ColumnRnnConfig:
     weight_decay: float = key(1e-3, "of the optimiser")
 
 
+_KINDS = (
+    "crossed tempo=0.65:1.45 legs=0.75:1.35 turn=100 spins=0.7",
+    "crossed tempo=0.65:1.45 legs=0.75:1.35 turn=100 spins=1.5",
+    "crossed turn=100",
+    "crossed turn=100 spins=0.7 kicks=4",
+    "crossed tempo=0.65:1.45 legs=0.75:1.35 turn=60 kicks=2",
+    "varied tempo=0.65:1.45 legs=0.75:1.35 turn=120 spins=0.7",
+    "varied turn=60 kicks=2",
+    "crossed tempo=0.65:1.45 legs=0.75:1.35 turn=40",
+    "varied tempo=1 legs=1 turn=0 begin=0",  # as it was danced
+    "varied turn=60",
+    "crossed turn=60 kicks=2:6",
+    "varied turn=60 spins=0.7 kicks=2:6",
+)
+
+
 @dataclass(frozen=True)
 class SimulationConfig:
-    """Clips that are simulated to learn from, in place of the recorded ones, and never written."""
+    """Clips that are simulated to learn from, beside the recorded ones."""
 
-    clips: int = key(0, "motions drawn out of the recorded ones; 0: the recorded clips")
+    clips: int = key(0, "motions drawn out of the recorded ones; 0: the recorded clips alone")
+    kinds: tuple[str, ...] = key(_KINDS, "of motions, by turns (simulation.md)", later=True)
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
     cloth: tuple[str, ...] = key((), 'as `simulate --cloth`, such as ["bend_bias=0.5"]')
     pattern: str = key("", 'as `simulate --pattern`; "": from the UVs')
-    device: str = key("cpu", "cuda: many clips side by side on a GPU")
-    at_once: int = key(128, "clips side by side there", "positive")
+    device: str = key("cpu", "cuda: many clips side by side on a GPU", shapes="use")
+    at_once: int = key(128, "clips side by side there", "positive", shapes="use")
     workers: int = key(1, "processes", "positive", shapes="use")
 
 
@@ -245,7 +262,7 @@ class Config:
     column_rnn: ColumnRnnConfig = section(
         ColumnRnnConfig, "stage 4, the column RNN (not in the paper)", later=True, was="swing"
     )
-    simulation: SimulationConfig = section(SimulationConfig, "frames straight from the simulator", later=True)
+    simulation: SimulationConfig = section(SimulationConfig, "clips simulated to train on", later=True)
     collision: CollisionConfig = section(CollisionConfig, "section 3.5", shapes="use")
     # a baseline's folder keeps this section among its facts
     baselines: BaselinesConfig = section(BaselinesConfig, "the compared systems", shapes="use", later=True)

@@ -80,8 +80,10 @@ def _mirrored(clip: PreparedClip, data: DataSet, X: np.ndarray) -> np.ndarray:
     return X[:, data.mirror] * FLIP.astype(np.float32) if clip.mirrored else X
 
 
-def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = True) -> DataSet:
-    """Read every training clip of `folder` (see `training_clips`), check it and prepare it.
+def prepare(
+    folder: str | Path, config: Config, cache: Path, *, more: List[Path] = (), unposed: bool = True
+) -> DataSet:
+    """Read every training clip of `folder` (see `training_clips`) and the files `more`, check and prepare it.
 
     Clips named in `config.data.validation` are kept back and never mirrored. Without `unposed`, T_tilde is
     left out: stage 1 alone reads it, and it takes most of the time. Raises `ValueError` for an empty folder,
@@ -95,7 +97,7 @@ def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = 
     mirror = mirror_permutation(scene.garment) if config.data.mirror else None
     W = canonical_weights(scene, config)
     train, validation, digest, digests = [], [], hashlib.sha256(), ClipDigests(cache)
-    for path in paths:
+    for path in (*paths, *more):
         with open_sequence(path) as sequence:
             check_same_garment(scene.garment, sequence.scene.garment, names=(str(paths[0]), str(path)))
             if body_hash(sequence.scene.body) != body_hash(scene.body):
@@ -110,7 +112,7 @@ def prepare(folder: str | Path, config: Config, cache: Path, *, unposed: bool = 
         kept_back = set(config.data.validation) & set(made_from.split(", "))
         if kept_back:
             print(f"prepare: {path.stem} is made of {kept_back.pop()}, which is kept back", file=sys.stderr)
-        if _is_named(path, config.data.validation):
+        if path in paths and _is_named(path, config.data.validation):
             validation.append(clip)
             continue
         train.append(clip)
@@ -190,30 +192,6 @@ def _compute_arrays(
             sequence.read, sequence.scene, inputs, seeds, W, config, set(arrays)
         ):
             arrays[part].write(start, values)
-
-
-def prepared_in_memory(
-    name: str,
-    motion: Motion,
-    V: np.ndarray,
-    scene: Scene,
-    seeds: Seeds,
-    W: np.ndarray | None,
-    config: Config,
-    *,
-    unposed: bool,
-) -> PreparedClip:
-    """Return a clip whose cloth `V` `[t, n, 3]`, float32 world metres, is in no file; else as `prepare` does.
-
-    `W`: weights of the canonical pose, where its targets are wanted; `unposed`: whether T_tilde is.
-    """
-    inputs = motion_input(motion, scene, seeds, config.body.motion_joints)
-    parts = {"V"} | ({"T_tilde"} if unposed else set()) | (set() if W is None else {"U"})
-    arrays = {part: np.empty_like(V) for part in parts}
-    for part, start, values in _computed(lambda a, b: V[a:b], scene, inputs, seeds, W, config, parts):
-        arrays[part][start : start + len(values)] = values
-    U = arrays.get("U", arrays["V"])
-    return PreparedClip(name, arrays["V"], U, arrays.get("T_tilde"), inputs, False, motion)
 
 
 def _computed(

@@ -1,54 +1,104 @@
-"""Motions drawn from those that are there, of twelve kinds by turns: what the column RNN learns from.
+"""Motions drawn from those that are there, of many kinds by turns: what the column RNN learns from.
 
 Turns, quick spins and raised legs are rare in captured dances and common in use; `vary_motion` and
 `cross_motions` make them.
 """
 
+import math
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from garment_jax.body.crossed_motion import cross_motions
 from garment_jax.body.vary import Variation, cut, vary_motion
+from garment_jax.config import SimulationConfig
 from garment_jax.simulation.many import in_processes
 from garment_jax.structs import Motion, RiggedBody
 
-_WIDE = Variation(tempo=(0.65, 1.45), legs=(0.75, 1.35))
-_STILL = Variation(tempo=(1, 1), legs=(1, 1), turn=(0, 0), begin=(0, 0))  # as it was danced
-KINDS = (  # (motions that one is made of, variation)
-    (3, _WIDE._replace(turn=(-100, 100), spins=(0, 0.7))),
-    (3, _WIDE._replace(turn=(-100, 100), spins=(0, 1.5))),
-    (3, Variation(turn=(-100, 100))),
-    (3, Variation(turn=(-100, 100), spins=(0, 0.7), kicks=(0, 4))),
-    (3, _WIDE._replace(turn=(-60, 60), kicks=(0, 2))),
-    (1, _WIDE._replace(turn=(-120, 120), spins=(0, 0.7))),
-    (1, Variation(turn=(-60, 60), kicks=(0, 2))),
-    (3, _WIDE._replace(turn=(-40, 40))),
-    (1, _STILL),
-    (1, Variation()),
-    (3, Variation(turn=(-60, 60), kicks=(2, 6))),
-    (1, Variation(turn=(-60, 60), spins=(0, 0.7), kicks=(2, 6))),
-)
+_MADE_OF = {"varied": 1, "crossed": 3}  # motions
+
+
+class Kind(NamedTuple):
+    """How a motion is made."""
+
+    made_of: int  # motions: 1, or 3 that are crossed
+    variation: Variation
+
+
+def parse_kinds(texts: Sequence[str]) -> list[Kind]:
+    """Return the kinds that `simulation.kinds` names.
+
+    Each is "varied" or "crossed" (limbs of one motion with another's, on the path of a third) and bounds of
+    a `Variation`, such as "crossed turn=100 spins=0.7 tempo=0.65:1.45". One number is the largest; of tempo
+    and legs the value itself, of turn in both directions. Raises `ValueError` for other words.
+    """
+    if not texts:
+        raise ValueError('simulation.kinds is empty; name one at least, such as "varied turn=60".')
+    return [_parse_kind(text) for text in texts]
+
+
+def _parse_kind(text: str) -> Kind:
+    first, *pairs = text.split() or [""]
+    if first not in _MADE_OF:
+        raise ValueError(f"simulation.kinds {text!r} must begin with {' or '.join(_MADE_OF)}.")
+    bounds = {}
+    for pair in pairs:
+        name, _, numbers = pair.partition("=")
+        if name not in Variation._fields:
+            known = ", ".join(Variation._fields)
+            raise ValueError(f"simulation.kinds {text!r}: {name!r} cannot be varied; choose of {known}.")
+        bounds[name] = _parse_bounds(text, name, numbers)
+    variation = Variation(**bounds)
+    if first == "crossed":  # three parts begin together
+        variation = variation._replace(begin=(0.0, 0.0))
+    return Kind(_MADE_OF[first], variation)
+
+
+def _parse_bounds(text: str, name: str, numbers: str) -> tuple[float, float]:
+    try:
+        found = [float(number) for number in numbers.split(":")]
+    except ValueError:
+        found = []
+    if len(found) == 1:
+        low = {"turn": -found[0], "tempo": found[0], "legs": found[0]}.get(name, 0.0)
+        found = [low, *found]
+    smallest = {"turn": -math.inf, "tempo": 0.1}.get(name, 0.0)
+    largest = 1.0 if name == "begin" else math.inf
+    if len(found) != 2 or not smallest <= found[0] <= found[1] <= largest or not math.isfinite(sum(found)):
+        raise ValueError(
+            f"simulation.kinds {text!r}: {name}={numbers} is no number, nor two as LOW:HIGH"
+            f"{' from 0 to 1' if name == 'begin' else ' of 0.1 or more' if name == 'tempo' else ''}."
+        )
+    return found[0], found[1]
 
 
 def drawn_motions(
-    motions: Sequence[Motion], body: RiggedBody, count: int, *, seed: int, longest: int, workers: int = 1
+    motions: Sequence[Motion],
+    body: RiggedBody,
+    count: int,
+    *,
+    seed: int,
+    longest: int,
+    kinds: Sequence[Kind] | None = None,
+    workers: int = 1,
 ) -> list[Motion]:
     """Return `count` motions of `longest` frames at most; of fewer than three motions, none is crossed.
 
-    The k-th hangs on `seed`, k and `motions` alone.
+    The k-th hangs on `seed`, k, `kinds` (those of a configuration by default) and `motions` alone.
     """
-    draw = partial(_draw, motions=list(motions), body=body, seed=seed, longest=longest)
+    kinds = parse_kinds(SimulationConfig().kinds) if kinds is None else kinds
+    kinds = [kind for kind in kinds if kind.made_of <= len(motions)] or [Kind(1, Variation())]
+    draw = partial(_draw, motions=list(motions), body=body, kinds=kinds, seed=seed, longest=longest)
     return in_processes(draw, range(count), workers)
 
 
-def _draw(k: int, *, motions: list[Motion], body: RiggedBody, seed: int, longest: int) -> Motion:
+def _draw(
+    k: int, *, motions: list[Motion], body: RiggedBody, kinds: list[Kind], seed: int, longest: int
+) -> Motion:
     rng = np.random.default_rng([seed, k])
-    kinds = [kind for kind in KINDS if kind[0] <= len(motions)]
     count, variation = kinds[k % len(kinds)]
-    if count > 1:
-        variation = variation._replace(begin=(0.0, 0.0))
     parts = [
         cut(vary_motion(motions[i], body, rng, variation=variation), longest, rng)
         for i in rng.choice(len(motions), count, replace=False)

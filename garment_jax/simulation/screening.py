@@ -78,27 +78,6 @@ def screen_clip(scene: Scene, motion: Motion, V: np.ndarray, *, every: int = 10)
     )
 
 
-def shape_faults(
-    scene: Scene, motion: Motion, V: np.ndarray, limits: ScreenLimits = ScreenLimits(), *, every: int = 10
-) -> list[str]:
-    """Return in words what strain and the hem's height say against a clip; no penetration, no crossings.
-
-    These take most of a screening's time, and what learns a garment's broad shape is not misled by them.
-    """
-    if not np.isfinite(V).all():
-        return ["not finite"]
-    edges = unique_edges(scene.garment.faces)
-    strain = edge_strain(V[::every], edges, rest_lengths(scene.garment.template, edges))
-    none = Screen(len(V), *[0.0] * 8)
-    return faults(
-        none._replace(
-            strain_p99_percent=float(np.percentile(strain, 99, axis=1).max()),
-            hem_rise_cm=_rise(_hem_height(scene, motion, V)),
-        ),
-        limits,
-    )
-
-
 def faults(screen: Screen, limits: ScreenLimits = ScreenLimits()) -> list[str]:
     """Return in words what disqualifies a clip; empty for a clip to keep."""
     found = []

@@ -10,7 +10,6 @@ from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
 from garment_jax.model.store import Model, from_metadata, load_model
-from garment_jax.storage.scratch import sweep
 from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
 
@@ -34,8 +33,8 @@ def train(
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
-    from garment_jax.training.run import is_complete, open_run, say
-    from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
+    from garment_jax.training.run import open_run, say
+    from garment_jax.training.simulated_clips import check_simulation
 
     stage = current(stage)
     if stage not in ("all", *STAGES):
@@ -60,34 +59,15 @@ def train(
             make_column_tables(data.scene, config=config.column_rnn)
 
     with run_lock(run_dir):
-        for folder in (Path(run_dir) / CHECKPOINTS).glob("*"):
-            sweep(folder)  # of stages that are complete, too, into which nothing is written any more
         run = open_run(
             config,
             run_dir,
             data_dir=data_dir,
             tensorboard=tensorboard,
             check=check,
-            unposed="generative" in steps and not config.simulation.clips,
+            unposed="generative" in steps,
         )
         with run.log:
-            if config.simulation.clips:
-                if not hangs_on_pins(run.data.scene):
-                    steps.pop("column_rnn", None)
-                left = {name for name, count in steps.items() if not is_complete(run, name, count)}
-                if not left:
-                    say(f"{', '.join(steps)}: complete, nothing to do")
-                    return run.folder
-                run = run._replace(
-                    data=with_simulated_clips(
-                        run.data,
-                        config,
-                        posed=stage != "column_rnn",
-                        unposed="generative" in left,
-                        windows=windows,
-                        say=say,
-                    )
-                )
             if stage != "column_rnn":  # which needs none of the others
                 generative = train_generative(run)
                 if last >= 1:

@@ -17,6 +17,7 @@ from garment_jax.dataset.template import Template, scene_template
 from garment_jax.io.content_hash import garment_hash
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.scene_file import SCENE, sample_of, write_sample
+from garment_jax.storage.scratch import sweep
 from garment_jax.structs import TrainState
 from garment_jax.training.average import with_average
 from garment_jax.training.checkpoint import Checkpointer
@@ -24,7 +25,8 @@ from garment_jax.training.log import RunLog
 from garment_jax.training.loop import StepFn, run_stage
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.pretrained import find_beginning
-from garment_jax.training.run_directory import FACTS_NAME, check_run, prepare_run
+from garment_jax.training.run_directory import CACHE, CHECKPOINTS, FACTS_NAME, check_run, prepare_run
+from garment_jax.training.simulated_clips import make_simulated_clips
 
 
 class Run(NamedTuple):
@@ -48,11 +50,11 @@ def open_run(
     check: Callable[[DataSet], None] | None = None,
     unposed: bool = True,
 ) -> Run:
-    """Prepare the data (cached in the run's folder) and open or create the run.
+    """Prepare the data (simulated first where that is asked for; cached in the run's folder); open the run.
 
     `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
-    `check` refuses data before the folder belongs to a configuration that does not fit them; `unposed` as in
-    `prepare`. Raises
+    `check` refuses data, the recorded clips alone, before the folder belongs to a configuration that does not
+    fit them; `unposed` as in `prepare`. Raises
     `ValueError` for a folder that belongs to others, and as `find_beginning`.
     """
     folder = Path(folder)
@@ -68,12 +70,18 @@ def open_run(
                 f"{beginning.other_ring}; to go on from it take the [column_rnn] values of its config.toml"
             )
     check_run(folder, config, facts=facts)  # before another run's cache is written into
-    data = prepare(data_dir, config, folder / "cache", unposed=unposed)
-    if beginning is not None:
-        data = data._replace(statistics=beginning.statistics)
+    for place in (folder, folder / CACHE, *(folder / CHECKPOINTS).glob("*")):
+        sweep(place)  # what a killed run left, also where nothing is missing and so nothing is written
+    simulating = config.simulation.clips > 0
+    data = prepare(data_dir, config, folder / CACHE, unposed=unposed and not simulating)
     if check is not None:
         check(data)
     prepare_run(folder, config, facts=facts | {"data": data.content})
+    if simulating:
+        more = make_simulated_clips(data, config, folder, say=say)
+        data = prepare(data_dir, config, folder / CACHE, more=more, unposed=unposed)
+    if beginning is not None:
+        data = data._replace(statistics=beginning.statistics)
     if not (folder / SCENE).is_file():  # so that what is saved of the run animates without its clips
         write_sample(folder, sample)
     template = scene_template(data.scene, data.statistics, config)
@@ -97,12 +105,6 @@ def checkpointer(run: Run, stage: str) -> Checkpointer:
 
         metadata["seen"] = seen_body(run.data.scene).described()
     return Checkpointer(run.folder, stage, metadata=metadata)
-
-
-def is_complete(run: Run, stage: str, steps: int) -> bool:
-    """Return whether a stage has all of its steps behind it."""
-    done = checkpointer(run, stage).latest()
-    return done is not None and done >= steps
 
 
 def optimise(

@@ -11,7 +11,7 @@ from garment_jax.storage.lock import locked
 from garment_jax.storage.whole import write_text
 
 STAGES = ("generative", "motion", "detail", "column_rnn")
-CHECKPOINTS = "checkpoints"  # folder inside a run
+CHECKPOINTS, CACHE = "checkpoints", "cache"  # folders inside a run
 CONFIG_NAME = "config.toml"
 FACTS_NAME = "facts.json"
 _SHOWN = 3

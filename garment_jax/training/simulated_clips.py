@@ -1,91 +1,74 @@
-"""Training clips straight from the simulator, in place of the recorded ones; they are never written."""
+"""Clips simulated to train on, beside the recorded ones: made once, in the run's folder."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from garment_jax.body.seeds import Seeds
 from garment_jax.config import Config, SimulationConfig
 from garment_jax.dataset.lanes import check_window
-from garment_jax.dataset.prepared import DataSet, PreparedClip, mirror_image, prepared_in_memory
-from garment_jax.dataset.template import canonical_weights
+from garment_jax.dataset.prepared import DataSet
 from garment_jax.simulation.command import read_pattern
-from garment_jax.simulation.drawn_motions import drawn_motions
-from garment_jax.simulation.many import Task, simulate_many
-from garment_jax.simulation.screening import shape_faults
+from garment_jax.simulation.drawn_motions import drawn_motions, parse_kinds
 from garment_jax.simulation.settings import ClothSettings, parse_cloth
-from garment_jax.structs import Motion, Scene
+from garment_jax.storage.whole import write_text
+
+CLIPS, DRAWN = "clips", "drawn.json"  # inside a run
 
 
-def with_simulated_clips(
-    data: DataSet,
-    config: Config,
-    *,
-    posed: bool,
-    unposed: bool,
-    windows: Mapping[str, int],
-    say: Callable[[str], None],
-) -> DataSet:
-    """Return `data` with clips to train on that are simulated, on motions drawn out of its own.
+def make_simulated_clips(
+    data: DataSet, config: Config, folder: Path, *, say: Callable[[str], None]
+) -> list[Path]:
+    """Return the clips of a run's `folder`, simulated on motions drawn out of those of `data`.
 
-    With mirror images where `data` has them. A function of configuration, seed and device: a resumed run
-    simulates the same clips again. Clips whose cloth bunched or was stretched are left out. `posed` and
-    `unposed`: whether the canonical pose's targets and T_tilde are wanted; `windows`: frames by stage.
-    Raises `ValueError` as `check_simulation`, and where no motion holds a window or no clip is kept.
+    What is there is kept: a stopped run goes on clip by clip, and one that has them all draws no motion.
+    Clips that fail the screening are named and left out. A function of configuration, seed and device.
+    Raises `ValueError` as `check_simulation`, and where no clip passes.
     """
-    wanted, scene = config.simulation, data.scene
+    from garment_jax.simulation.clips import Job, simulate_clips
+
+    out, wanted = folder / CLIPS, config.simulation
+    known = out / DRAWN
+    if known.is_file():
+        files = [out / "train" / name for name in json.loads(known.read_text(encoding="utf-8"))]
+        if all(file.is_file() for file in files):
+            return files
     settings, flat = _cloth(wanted, data.fps)
     motions = drawn_motions(
         [clip.motion for clip in data.train if not clip.mirrored],
-        scene.body,
+        data.scene.body,
         wanted.clips,
+        kinds=parse_kinds(wanted.kinds),
         seed=config.training.seed,
         longest=wanted.longest,
         workers=wanted.workers,
     )
-    for stage, window in windows.items():
-        check_window([len(motion.root) for motion in motions], window, stage)
-    finish = partial(
-        _prepared,
-        scene=scene,
-        seeds=data.seeds,
-        W=canonical_weights(scene, config) if posed else None,
-        config=config,
-        unposed=unposed,
-        mirrored=data.mirror is not None,
-    )
-    tasks = {k: Task(f"clip {k + 1}", m, partial(finish, f"clip {k + 1}", m)) for k, m in enumerate(motions)}
-    made: dict[int, list[PreparedClip]] = {}
-    for k, clips in simulate_many(
-        scene,
-        tasks,
-        settings,
-        flat=flat,
-        workers=wanted.workers,
-        device=wanted.device,
-        at_once=wanted.at_once,
-        progress=say,
-    ):
-        made[k] = clips
-        if len(made) % max(len(motions) // 10, 1) == 0:
-            say(f"{len(made)} of {len(motions)} clips are simulated")
-    kept = [clip for k in range(len(motions)) for clip in made[k]]
-    if not kept:
+    jobs = [Job(f"drawn_{k:04d}", "train", motion) for k, motion in enumerate(motions, 1)]
+    say(f"simulating {len(jobs)} clips, {sum(len(motion.root) for motion in motions)} frames, into {out}")
+    outcomes = simulate_clips(
+        data.scene, jobs, out, settings,
+        flat=flat, workers=wanted.workers, device=wanted.device, at_once=wanted.at_once, progress=say,
+    )  # fmt: skip
+    files = [outcome.path for outcome in outcomes if outcome.path is not None]
+    if not files:
         raise ValueError(
-            f"none of {len(motions)} simulated clips can be learnt from: in all of them cloth bunched or was "
-            "stretched; look at some that garment-jax simulate varied writes with this cloth."
+            f"none of {len(jobs)} simulated clips can be learnt from, for the reasons above; give "
+            "simulation.cloth other settings, or simulation.kinds calmer ones."
         )
-    frames = sum(len(clip.V) for clip in kept if not clip.mirrored)
-    say(f"{sum(map(bool, made.values()))} of {len(motions)} simulated clips are kept, {frames} frames")
-    return data._replace(train=kept)
+    say(f"{len(files)} of {len(jobs)} simulated clips are kept")
+    write_text(known, json.dumps([file.name for file in files], indent=0) + "\n")
+    return files
 
 
 def check_simulation(config: SimulationConfig, fps: float, windows: Mapping[str, int]) -> None:
-    """Raise `ValueError` or `OSError` for what could not be simulated, before anything is trained."""
+    """Raise `ValueError` or `OSError` for what could not be simulated, before anything is.
+
+    `windows`: frames by stage.
+    """
     settings, _ = _cloth(config, fps)
+    parse_kinds(config.kinds)
     for stage, window in windows.items():
         check_window([config.longest], window, stage)
     import garment_jax.simulation.engine  # noqa: F401  (raises where it is not installed)
@@ -101,24 +84,3 @@ def check_simulation(config: SimulationConfig, fps: float, windows: Mapping[str,
 def _cloth(config: SimulationConfig, fps: float) -> tuple[ClothSettings, np.ndarray | None]:
     settings = replace(parse_cloth(config.cloth, "simulation.cloth"), fps=fps)
     return settings, read_pattern(Path(config.pattern)) if config.pattern else None
-
-
-def _prepared(
-    name: str,
-    motion: Motion,
-    V: np.ndarray,
-    _seconds: float,
-    _machine: str,
-    *,
-    scene: Scene,
-    seeds: Seeds,
-    W: np.ndarray | None,
-    config: Config,
-    unposed: bool,
-    mirrored: bool,
-) -> list[PreparedClip]:
-    """Return a simulated clip `V` `[t, n, 3]` (world metres) and its mirror image; none if it is useless."""
-    if shape_faults(scene, motion, V):
-        return []
-    clip = prepared_in_memory(name, motion, V, scene, seeds, W, config, unposed=unposed)
-    return [clip, mirror_image(clip, scene, seeds, config)] if mirrored else [clip]

@@ -9,7 +9,6 @@ import pytest
 from garment_jax.baselines.fitting import open_baseline
 from garment_jax.config import SimulationConfig
 from garment_jax.training.run import open_run
-from garment_jax.training.simulated_clips import with_simulated_clips
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
 
@@ -26,10 +25,9 @@ def test_simulated_clips_are_those_that_ours_learn_from(tmp_path: Path) -> None:
     write_clip(tmp_path / "train" / "waltz.h5", scene=SCENE, motion=make_motion(SCENE, 30))
     ours = open_run(CONFIG, tmp_path / "ours", data_dir=tmp_path, unposed=False)
     ours.log.close()
-    options = {"posed": True, "unposed": False, "windows": {"motion": 5}}
-    data = with_simulated_clips(ours.data, CONFIG, say=lambda _: None, **options)
     with open_baseline("ridge", ("ridge",), CONFIG, tmp_path / "ridge", tmp_path) as run:
-        for a, b in zip(run.data.train, data.train, strict=True):
+        assert len(run.data.train) > 2  # the waltz and its mirror image
+        for a, b in zip(run.data.train, ours.data.train, strict=True):
             np.testing.assert_array_equal(a.V, b.V)
             np.testing.assert_array_equal(a.input.x.M, b.input.x.M)
     wrong = replace(CONFIG, simulation=replace(CONFIG.simulation, cloth=("bendy=1",)))

@@ -1,8 +1,11 @@
 """Motions drawn from others: of many kinds, short enough, a function of seed and number alone."""
 
 import numpy as np
+import pytest
 
-from garment_jax.simulation.drawn_motions import KINDS, drawn_motions
+from garment_jax.body.vary import Variation
+from garment_jax.config import SimulationConfig
+from garment_jax.simulation.drawn_motions import Kind, drawn_motions, parse_kinds
 from tests.reference.scene import make_motion, make_scene
 
 SCENE = make_scene()
@@ -21,10 +24,51 @@ def test_motions_are_short_enough_and_hang_on_seed_and_number_alone() -> None:
     assert not np.array_equal(other.root, whole[0].root)
 
 
-def test_one_kind_is_a_recorded_motion_as_it_was_danced() -> None:
-    k = next(k for k, (_, variation) in enumerate(KINDS) if variation.tempo == (1, 1))
-    danced = drawn_motions(MOTIONS, SCENE.body, k + 1, seed=0, longest=1000)[k]
-    assert any(len(m.root) == len(danced.root) and np.allclose(m.root, danced.root) for m in MOTIONS)
+def test_a_motion_that_is_varied_in_nothing_is_as_it_was_danced() -> None:
+    kinds = parse_kinds(["varied tempo=1 legs=1 turn=0 begin=0"])
+    danced = drawn_motions(MOTIONS, SCENE.body, 3, kinds=kinds, seed=0, longest=1000)
+    for motion in danced:
+        assert any(len(m.root) == len(motion.root) and np.allclose(m.root, motion.root) for m in MOTIONS)
+
+
+def test_kinds_come_by_turns_and_those_of_the_configuration_are_the_default() -> None:
+    by_default = drawn_motions(MOTIONS, SCENE.body, 2, seed=3, longest=30)
+    named = drawn_motions(
+        MOTIONS, SCENE.body, 2, kinds=parse_kinds(SimulationConfig().kinds), seed=3, longest=30
+    )
+    other = drawn_motions(
+        MOTIONS, SCENE.body, 2, kinds=parse_kinds(["varied", "crossed"]), seed=3, longest=30
+    )
+    for a, b, c in zip(by_default, named, other, strict=True):
+        np.testing.assert_array_equal(a.rotations, b.rotations)
+        assert not np.array_equal(a.rotations, c.rotations)
+
+
+def test_a_kind_is_read_from_its_words() -> None:
+    varied, crossed = parse_kinds(["varied turn=40 kicks=2:6 begin=0.1", "crossed tempo=0.5:1.5 legs=1.1"])
+    assert varied == Kind(1, Variation(turn=(-40, 40), kicks=(2, 6), begin=(0, 0.1)))
+    assert crossed == Kind(3, Variation(tempo=(0.5, 1.5), legs=(1.1, 1.1), begin=(0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "sentence"),
+    [
+        ([], "kinds is empty"),
+        ([""], "'' must begin with varied or crossed"),
+        (["waltz turn=2"], "'waltz turn=2' must begin with varied or crossed"),
+        (["varied speed=2"], "'speed' cannot be varied; choose of tempo, legs, turn"),
+        (["varied turn"], "turn= is no number"),
+        (["varied turn=nan"], "turn=nan is no number"),
+        (["varied kicks=-1"], "kicks=-1 is no number"),
+        (["varied kicks=6:2"], "kicks=6:2 is no number, nor two as LOW:HIGH"),
+        (["varied tempo=0"], "tempo=0 is no number, nor two as LOW:HIGH of 0.1 or more"),
+        (["varied begin=2"], "begin=2 is no number, nor two as LOW:HIGH from 0 to 1"),
+        (["varied turn=1:2:3"], "turn=1:2:3 is no number"),
+    ],
+)
+def test_other_words_are_refused(kinds: list[str], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        parse_kinds(kinds)
 
 
 def test_two_motions_are_too_few_to_cross_and_vary_all_the_same() -> None:

@@ -303,13 +303,14 @@ def test_what_a_killed_training_left_beside_a_finished_stage_goes(
     from shutil import copytree
 
     run = copytree(uninterrupted, tmp_path / "run")
-    stage = run / "checkpoints" / "warm_up"
     with subprocess.Popen(["true"]) as ended:
         pid, started, host = ended.pid, *this_process()[1:]
-    left = stage / f".{pid}-{started}-{host}-{'0' * 16}.partial"
-    left.mkdir()
+    name = f".{pid}-{started}-{host}-{'0' * 16}.partial"
+    left = [place / name for place in (run, run / "cache", run / "checkpoints" / "warm_up")]
+    for folder in left:
+        folder.mkdir()
     train(CONFIG, run, data_dir=data_dir)
-    assert not left.exists()
+    assert not any(folder.exists() for folder in left)
 
 
 def test_the_run_is_a_model_and_16_bits_of_it_animate_alike(

@@ -1,5 +1,6 @@
-"""Clips straight from the simulator: a function of configuration and seed, prepared as those of files."""
+"""Clips simulated to train on: a function of configuration and seed, in files of the run."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,18 +11,18 @@ import numpy as np
 import optax
 import pytest
 
-from garment_jax.body.root_frame import heading, to_root
 from garment_jax.config import ColumnRnnConfig, Config, SimulationConfig
-from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, prepare, prepared_in_memory
-from garment_jax.dataset.template import ColumnTables, canonical_weights
+from garment_jax.dataset.prepared import DataSet, prepare
+from garment_jax.dataset.template import ColumnTables
+from garment_jax.io.sequence import open_sequence
 from garment_jax.model.column_rnn.train_step import ColumnBatch
-from garment_jax.simulation import many
+from garment_jax.simulation import clips, many
 from garment_jax.structs import TrainState
 from garment_jax.training import column_rnn_stage, pipeline, simulated_clips
 from garment_jax.training.checkpoint import Checkpointer
-from garment_jax.training.simulated_clips import check_simulation, with_simulated_clips
+from garment_jax.training.simulated_clips import check_simulation, make_simulated_clips
 from tests.animation.tiny_model import CONFIG, SCENE
-from tests.reference.scene import make_motion, make_vertices, write_clip
+from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_column_rnn import COLUMNS
 
 pytest.importorskip("newton")
@@ -29,7 +30,6 @@ pytest.importorskip("newton")
 CLOTH = ("substeps=3", "iterations=3", "linear_iterations=8", "settle=2", "blend=2", "hold=1")
 SIMULATION = SimulationConfig(clips=3, longest=7, cloth=CLOTH)
 ALONE = replace(CONFIG, data=replace(CONFIG.data, validation=()), simulation=SIMULATION)
-CANONICAL = replace(ALONE, generative=replace(ALONE.generative, skin_reach=0.1))
 
 
 @pytest.fixture(scope="module")
@@ -44,49 +44,56 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def data(folder: Path) -> DataSet:
     (folder / "cache").mkdir()
-    return prepare(folder, CANONICAL, folder / "cache")
+    return prepare(folder, ALONE, folder / "cache", unposed=False)
 
 
-def simulated(data: DataSet, config: Config = ALONE) -> list[PreparedClip]:
-    options = {"posed": False, "unposed": False, "windows": {"column_rnn": 5}}
-    return with_simulated_clips(data, config, say=lambda _: None, **options).train
+def simulated(data: DataSet, folder: Path, config: Config = ALONE) -> list[np.ndarray]:
+    files = make_simulated_clips(data, config, folder, say=lambda _: None)
+    return [open_sequence(file).read(0, 7) for file in files]
 
 
 @pytest.fixture(scope="module")
-def made(data: DataSet) -> list[PreparedClip]:
+def made(data: DataSet, tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
     """Simulated clips; one of the three motions may not be fit to be learnt from."""
-    return simulated(data)
+    return simulated(data, tmp_path_factory.mktemp("made"))
 
 
-def test_a_clip_in_memory_is_prepared_as_one_in_a_file(data: DataSet) -> None:
-    motion = make_motion(SCENE, 30, 2)
-    V, W = make_vertices(SCENE, motion, 2), canonical_weights(SCENE, CANONICAL)
-    clip = prepared_in_memory("2", motion, V, SCENE, data.seeds, W, CANONICAL, unposed=True)
-    filed = data.train[4]
-    assert (filed.name, filed.mirrored) == ("2", False)
-    for part in ("V", "U", "T_tilde"):
-        np.testing.assert_allclose(getattr(clip, part), getattr(filed, part), atol=1e-6)
-    np.testing.assert_allclose(clip.input.x.M, filed.input.x.M, atol=1e-5)
-    bare = prepared_in_memory("2", motion, V, SCENE, data.seeds, None, ALONE, unposed=False)
-    assert bare.T_tilde is None
-    np.testing.assert_array_equal(bare.U, bare.V)
-    np.testing.assert_allclose(bare.V, to_root(V, motion.root, heading(motion.rotations[:, 0])), atol=1e-6)
+def test_clips_hang_on_configuration_and_seed_alone(data: DataSet, made, tmp_path: Path):
+    assert len(made) in (2, 3)
+    for a, b in zip(made, simulated(data, tmp_path), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
-def test_clips_hang_on_configuration_and_seed_alone_and_bring_mirror_images(data: DataSet, made):
-    assert len(made) in (4, 6)
-    for a, b in zip(made, simulated(data), strict=True):
-        np.testing.assert_array_equal(a.V, b.V)
-        np.testing.assert_array_equal(a.input.x.M, b.input.x.M)
-    plain, mirrored = made[:2]
-    assert (plain.mirrored, mirrored.mirrored) == (False, True)
-    np.testing.assert_array_equal(
-        frames_of(mirrored, np.array([3]), data)[0, :, 1], plain.V[3, data.mirror, 1]
-    )
+def test_what_is_there_is_kept_and_what_is_missing_is_made_again(
+    data: DataSet, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated(data, tmp_path)
+    kept = sorted((tmp_path / "clips" / "train").iterdir())
+    assert [file.name for file in kept] == json.loads((tmp_path / "clips" / "drawn.json").read_text())
+    begun = []
+    simulate = clips.simulate_many
+    monkeypatch.setattr(clips, "simulate_many", lambda *a, **k: begun.append(a[1]) or simulate(*a, **k))
+    simulated(data, tmp_path)
+    assert not begun
+    before = kept[1].stat().st_mtime_ns
+    kept[0].unlink()
+    for a, b in zip(made, simulated(data, tmp_path), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert len(begun) == 1
+    assert kept[1].stat().st_mtime_ns == before
+
+
+def test_they_are_prepared_beside_the_recorded_ones(folder: Path, data: DataSet, made, tmp_path: Path):
+    files = make_simulated_clips(data, ALONE, tmp_path, say=lambda _: None)
+    both = prepare(folder, ALONE, tmp_path / "cache", more=files, unposed=False)
+    assert [clip.name for clip in both.train[: len(data.train)]] == [clip.name for clip in data.train]
+    new = both.train[len(data.train) :]
+    assert [clip.mirrored for clip in new] == [False, True] * len(made)
+    assert both.content != data.content
 
 
 def test_clips_side_by_side_are_those_one_by_one(
-    data: DataSet, made, monkeypatch: pytest.MonkeyPatch
+    data: DataSet, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from garment_jax.simulation.side_by_side import SideBySide
 
@@ -98,16 +105,18 @@ def test_clips_side_by_side_are_those_one_by_one(
 
     monkeypatch.setattr(many, "_side_by_side", on_this_cpu)
     on_gpu = replace(ALONE, simulation=replace(SIMULATION, device="cuda", at_once=2))
-    together = simulated(data, on_gpu)
+    together = simulated(data, tmp_path, on_gpu)
     assert held == [(2, "cuda")]
     for a, b in zip(together, made, strict=True):
-        np.testing.assert_allclose(a.V, b.V, atol=2e-3)
+        np.testing.assert_allclose(a, b, atol=2e-3)
 
 
-def test_no_clip_that_can_be_learnt_from_is_refused(data: DataSet, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulated_clips, "shape_faults", lambda scene, motion, V: ["strain"])
+def test_no_clip_that_can_be_learnt_from_is_refused(
+    data: DataSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clips, "faults", lambda screen, limits: ["strain"])
     with pytest.raises(ValueError, match="none of 3 simulated clips can be learnt from"):
-        simulated(data)
+        simulated(data, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +124,10 @@ def test_no_clip_that_can_be_learnt_from_is_refused(data: DataSet, monkeypatch: 
     [
         ({"cloth": ("bendy=1",)}, r"simulation\.cloth 'bendy=1': there is no setting 'bendy'"),
         ({"pattern": "nowhere.npz"}, r"nowhere\.npz is not there; name the file of the flat pattern"),
+        (
+            {"kinds": ("danced turn=3",)},
+            r"simulation\.kinds .danced turn=3. must begin with varied or",
+        ),
         ({"longest": 4}, r"column_rnn\.window = 5 frames, but the longest training clip has 4"),
         ({"device": "cuda:9"}, "the device cuda:9 is not there"),
         ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
@@ -138,7 +151,7 @@ def cheap_step(tables: ColumnTables, config: ColumnRnnConfig, optimiser: optax.G
     return step
 
 
-def test_a_column_rnn_learns_from_the_simulator_and_goes_on_to_the_same_bits(
+def test_a_column_rnn_learns_from_them_and_goes_on_to_the_same_bits(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(column_rnn_stage, "make_column_train_step", cheap_step)
@@ -154,7 +167,7 @@ def test_a_column_rnn_learns_from_the_simulator_and_goes_on_to_the_same_bits(
     assert saved.steps() == [6, 8]
     shutil.rmtree(saved.folder / "8")  # as if it had been killed before
     jax.tree.map(np.testing.assert_array_equal, run(), whole)
-    monkeypatch.setattr(simulated_clips, "simulate_many", None)  # a stage that has ended simulates nothing
+    monkeypatch.setattr(simulated_clips, "drawn_motions", None)  # what is simulated is not drawn again
     jax.tree.map(np.testing.assert_array_equal, run(), whole)
     with pytest.raises(ValueError, match=r"another run \(simulation\.clips = 3, not 4\)"):
         run(replace(config, simulation=replace(SIMULATION, clips=4)))
