@@ -11,6 +11,7 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN ?= runs/skirt
 IMPORTED ?= data/skirt
+AGAIN ?= $(IMPORTED)_again
 WORKERS ?= 2
 DEMO ?= runs/demo
 MINUTES ?= 4
@@ -67,6 +68,7 @@ lock:
 skirt: setup
 	@test -n "$(DATA)" || { echo "make skirt needs the folder of clips: make skirt DATA=DIR" >&2; exit 2; }
 	$(BIN)/garment-jax import $(DATA) --out $(IMPORTED)
+	test -z "$(DATA_AGAIN)" || $(BIN)/garment-jax import $(DATA_AGAIN) --out $(AGAIN)
 	$(BIN)/python train.py configs/skirt.toml --data $(IMPORTED) --run-dir $(RUN)
 	@$(MAKE) --no-print-directory judge MODEL=$(RUN)
 
@@ -76,7 +78,8 @@ judge: setup
 	set -e; for clip in $(IMPORTED)/test/*.h5; do \
 	  $(BIN)/python infer.py $(MODEL) --motion $$clip --out $(PREDICTIONS)/$$(basename $$clip) --force; \
 	done
-	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json --force
+	$(BIN)/garment-jax evaluate $(PREDICTIONS) $(IMPORTED)/test --every 10 --out $(RUN)/figures.json --force \
+	  $(if $(wildcard $(AGAIN)/test),--again $(AGAIN)/test --curves $(RUN)/curves.png)
 	$(BIN)/garment-jax render $(PREDICTIONS) $(IMPORTED)/test --out $(RUN)/pictures --force
 
 docs-check: setup

@@ -73,6 +73,11 @@ def test_evaluate_replaces_figures_with_force_alone(tmp_path: Path, monkeypatch,
     assert "is a name of 305 bytes, more than 255; give a shorter one." in capsys.readouterr().err
     assert main([*words, "a.json", "--force"]) == 0
     assert json.loads(Path("a.json").read_text())["frames"] == 6
+    assert main([*words, "c.json", "--curves", "c.jpg"]) == 2
+    assert "--curves c.jpg does not end in .png" in capsys.readouterr().err
+    assert not Path("c.json").exists()
+    assert main([*words, "c.json", "--again", "p.h5", "--curves", "c.png"]) == 0
+    assert Path("c.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_second_simulation_does_not_replace_the_first(tmp_path: Path, capsys):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, get_origin, get_type_hints
 
 from garment_jax.config import Config, from_dict, load_config, to_dict
-from garment_jax.config.reading import refuse_unknown
+from garment_jax.config.reading import find_config, refuse_unknown
 from garment_jax.config.values import checked
 
 OURS = "ours"
@@ -94,13 +94,11 @@ class Loaded:
 
 
 def load_benchmark(path: str | Path) -> Loaded:
-    """Read and check a benchmark's TOML file and the experiment it names.
+    """Read and check a benchmark's TOML file, or one of the package's by its name, and the experiment it names.
 
     `FileNotFoundError` for a missing file, `ValueError` for what does not fit, by name.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"No benchmark {str(path)!r}; configs/benchmark.toml is one.")
+    path = find_config(path)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
-EXAMPLES = """  garment-jax benchmark configs/benchmark.toml --data data/mine --quick"""
+EXAMPLES = """  garment-jax benchmark benchmark --data data/mine --quick"""
 
 
 def add(commands) -> None:
@@ -18,7 +18,7 @@ def add(commands) -> None:
         does="train, roll out and measure every method; one report",
         examples=EXAMPLES,
     )
-    parser.add_argument("config", type=Path, help="benchmark, e.g. configs/benchmark.toml")
+    parser.add_argument("config", help="a TOML file, or a name of the package: benchmark, benchmark_full")
     parser.add_argument("--data", type=Path, help="folder with train/ and test/ (default: the file's)")
     parser.add_argument("--out", type=Path, help="folder for runs, results and report (default: the file's)")
     parser.add_argument("--quick", action="store_true", help="ten minutes, to see that everything works")

@@ -13,7 +13,7 @@ from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax evaluate pred.h5 truth.h5
   garment-jax evaluate pred/ data/test --every 10 --out figures.json
-  garment-jax evaluate pred/ data/test --again data/again"""
+  garment-jax evaluate pred/ data/test --again data/again --curves curves.png"""
 
 
 def add(commands) -> None:
@@ -36,6 +36,9 @@ def add(commands) -> None:
     parser.add_argument("--every", type=int, default=1, help="slow metrics on every N-th frame (default 1)")
     parser.add_argument("--json", action="store_true", help="machine-readable, with the values per frame")
     parser.add_argument("--out", type=Path, help="also save the JSON there")
+    parser.add_argument(
+        "--curves", type=Path, metavar="PNG", help="also draw the error over time, with --again beside it"
+    )
     add_force(parser)
     parser.add_argument(
         "--whole-body", action="store_true", help="show the penetration of the arms and the head, too"
@@ -51,9 +54,11 @@ def run(options: argparse.Namespace) -> None:
 
     pairs = pair_files(options.pred, options.truth)
     seconds = {} if options.again is None else dict(pair_files(options.pred, options.again))
+    read = [*seconds.values(), *(path for pair in pairs for path in pair)]
     if options.out is not None:
-        read = [*seconds.values(), *(path for pair in pairs for path in pair)]
-        check_out(options.out, read, options.force)
+        check_out(options.out, ".json", read, options.force)
+    if options.curves is not None:
+        check_out(options.curves, ".png", read, options.force, option="--curves")
     figures, left_out = [], LeftOut(len(pairs))
     for pred, truth in pairs:
         with left_out.reading(pred), FrameProgress(pred.stem) as progress:
@@ -65,26 +70,30 @@ def run(options: argparse.Namespace) -> None:
     if options.out is not None:  # first: who reads what is printed may leave early
         with written_whole(options.out) as (temporary,):
             temporary.write_text(text + "\n", encoding="utf-8")
+    if options.curves is not None:
+        from garment_jax.evaluation.error_curve import save_curves  # matplotlib: where something is drawn
+
+        save_curves(options.curves, figures)
     print(text if options.json else format_table(figures, whole_body=options.whole_body), flush=True)
     left_out.check()
     if not options.json:
         say_next("render", options.pred, options.truth, why="pictures of where the error is")
 
 
-def check_out(out: Path, read: Sequence[Path], force: bool) -> None:
-    """Check where the figures are to be written, before anything is measured.
+def check_out(out: Path, suffix: str, read: Sequence[Path], force: bool, *, option: str = "--out") -> None:
+    """Check where something is to be written, before anything is measured.
 
-    Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in .json or
-    is too long, and one that is there, without `force`.
+    Raises `ValueError` for a folder, a file among those that are `read`, a name that does not end in `suffix`
+    or is too long, and one that is there, without `force`.
     """
     from garment_jax.io.overwrite_checks import check_name
     from garment_jax.storage.overwriting import check_free
 
     if os.path.isdir(out):
-        raise ValueError(f"--out {out} is a folder; name a file.")
+        raise ValueError(f"{option} {out} is a folder; name a file.")
     if out.resolve() in {path.resolve() for path in read}:
-        raise ValueError(f"--out {out} is what is read; write to another file.")
+        raise ValueError(f"{option} {out} is what is read; write to another file.")
     check_name(out)
-    if out.suffix != ".json":
-        raise ValueError(f"--out {out} does not end in .json; name a JSON file, such as {out.name}.json.")
+    if out.suffix != suffix:
+        raise ValueError(f"{option} {out} does not end in {suffix}; name such a file: {out.name}{suffix}.")
     check_free(out, force)

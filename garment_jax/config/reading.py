@@ -53,7 +53,8 @@ def _no_file(path: Path) -> str:
         return f"{str(path)!r} is a folder; name a configuration in it, such as {path / 'skirt.toml'}."
     beside = [str(other) for other in path.parent.glob("*.toml")]
     near = difflib.get_close_matches(str(path), beside, n=1)
-    meant = f"did you mean {near[0]}?" if near else "the examples are in configs/."
+    own = sorted({file.stem for place in _PLACES for file in place.glob("*.toml")})
+    meant = f"did you mean {near[0]}?" if near else f"the package has {', '.join(own)}."
     return f"No configuration file {str(path)!r}; {meant}"
 
 

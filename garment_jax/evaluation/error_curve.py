@@ -1,10 +1,13 @@
 """The error over time as a picture."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 
+from garment_jax.evaluation.determined import PARTED_CM, determined_frames
 from garment_jax.evaluation.drawn_by import WRITER
 from garment_jax.storage.whole import written_whole
 
@@ -27,5 +30,37 @@ def save_error_curve(
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="upper right", ncols=3, fontsize=8)
+    with written_whole(path) as (made,):
+        figure.savefig(made, format="png", metadata={"Software": WRITER})
+
+
+def save_curves(path: Path, clips: Sequence[Mapping[str, Any]]) -> None:
+    """Plot the error of every clip over seconds, one below the other; write a PNG.
+
+    `clips` are figures of `evaluate_files`. Where they have a second simulation (S), its distance from the
+    first is drawn as well, and the frames that it determines are shaded.
+    """
+    matplotlib.use("Agg")  # headless: never look for a display
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 0.6 + 1.5 * len(clips)), dpi=120, layout="constrained")
+    rows = figure.subplots(len(clips), 1, squeeze=False, sharey=True)[:, 0]
+    for axes, clip in zip(rows, clips, strict=True):
+        curves = {name: np.asarray(values) for name, values in clip["per_frame"].items()}
+        seconds = np.arange(clip["frames"]) / clip["fps"]
+        axes.plot(seconds, curves["rmse_cm"], color="#cc5c3d", lw=1.4, label="error of the prediction")
+        again = curves.get("again_rmse_cm")
+        if again is not None:
+            axes.plot(seconds, again, color="#3b6b9e", lw=1.4, label="second simulation (S)")
+            axes.axhline(PARTED_CM, color="#3b6b9e", lw=0.8, ls=":")
+            until = determined_frames(again) / clip["fps"]
+            axes.axvspan(0, until, color="#3b6b9e", alpha=0.08, lw=0, label="determined frames")
+        axes.set(ylabel="RMSE, cm", xlim=(0, max(seconds[-1], 1 / clip["fps"])))
+        axes.set_title(clip["clip"], loc="left", fontsize=9)
+        axes.spines[["top", "right"]].set_visible(False)
+    rows[0].set_ylim(bottom=0)
+    rows[-1].set_xlabel("time, s")
+    handles, labels = rows[0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, loc="outside upper right", ncols=3, fontsize=8)
     with written_whole(path) as (made,):
         figure.savefig(made, format="png", metadata={"Software": WRITER})

@@ -114,7 +114,11 @@ def test_unknown_methods_and_files_are_refused(tmp_path: Path) -> None:
     check_methods(loaded.settings, {"skinned_template": None}, "x")
     with pytest.raises(ValueError, match="unknown method 'skinned_template'; known are ours, x"):
         check_methods(loaded.settings, {"x": None}, "x")
-    with pytest.raises(FileNotFoundError, match="No benchmark"):
+    with pytest.raises(FileNotFoundError, match="No configuration file .*none.toml.; did you mean .*tiny.toml"):
         load_benchmark(tmp_path / "none.toml")
     with pytest.raises(ValueError, match="unknown row 'x'"):
         loaded.row("x")
+
+
+def test_the_packages_benchmark_is_found_by_its_name():
+    assert load_benchmark("benchmark").folder.name == "configs"
