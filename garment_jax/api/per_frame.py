@@ -5,6 +5,7 @@ on the host in float64 for whole motions is here one frame in float32, so vertic
 millimetre where a rollout does not branch.
 """
 
+import sys
 from functools import partial
 from typing import NamedTuple
 
@@ -136,6 +137,8 @@ def _networks(
     model: LoadedModel, state: State, skeleton: _Skeleton
 ) -> tuple[State, Float[Array, "n 3"], BodyFrame]:
     """Return the state with the networks' next, their garment (root frame), and what the body carries."""
+    # Said while this is traced, so once for each thing that is compiled: a silent half minute looks broken.
+    print("compiling a frame's step, up to half a minute", file=sys.stderr, flush=True)
     scene, config = model.scene, model.config
     skeletons = (*skeleton, *state.skeleton)
     frame = frame_input(scene, config.body.motion_joints, model.fps, *skeletons)
