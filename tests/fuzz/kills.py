@@ -3,6 +3,7 @@
     python -m tests.fuzz.kills                       a minute: the quick commands, every few operations
     python -m tests.fuzz.kills --long                all commands, every operation, all pairs
     python -m tests.fuzz.kills --only save --long    one of them
+    python -m tests.fuzz.kills --long --no-kills     all pairs
 
 Just before every operation the command stands still while its folder is copied: that is what signal 9 leaves.
 In every copy that differs from the others no final file may be torn (it is the old one, the finished one or
@@ -110,6 +111,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Kill commands at their file operations; run pairs at once.")
     parser.add_argument("--long", action="store_true", help="all commands, all operations, all pairs")
     parser.add_argument("--only", nargs="*", default=[], help="names of commands")
+    parser.add_argument("--no-kills", action="store_true", help="the pairs alone")
     parser.add_argument("--seconds", type=float, default=0, help="begin no further kill after these")
     parser.add_argument("--pairs", type=int, default=20, help="of every combination, with --long")
     parser.add_argument(
@@ -140,7 +142,7 @@ def _run(options: argparse.Namespace) -> int:
         _import_everything()
         until = time.monotonic() + seconds
         for name in names:
-            if name in found:
+            if name in found and not options.no_kills:
                 runs, faults = kill_run(name, found[name], source, chosen, until)
                 print(f"{name}: {runs} kills, {len(faults)} faults", *faults, sep="\n  ", flush=True)
                 failures += faults
