@@ -94,7 +94,7 @@ class Loaded:
 
 
 def load_benchmark(path: str | Path) -> Loaded:
-    """Read and check a benchmark's TOML file, or one of the package's by its name, and the experiment it names.
+    """Read and check a benchmark's TOML file, or one of the package's by name, and the experiment it names.
 
     `FileNotFoundError` for a missing file, `ValueError` for what does not fit, by name.
     """

@@ -46,8 +46,10 @@ def run(options: argparse.Namespace) -> None:
     config = apply_overrides(load_config(options.config), options.overrides)
     data, run_dir = options.data or config.data.dir, options.run_dir or f"runs/{name}"
     print(f"train: {name} on {data} -> {run_dir}", file=sys.stderr, flush=True)
-    from garment_jax.training.pipeline import train  # loads JAX: only once the input is sound
+    from garment_jax.aot_cache import warm_start  # loads JAX: only once the input is sound
+    from garment_jax.training.pipeline import train
 
+    warm_start()
     folder = train(
         config,
         run_dir,

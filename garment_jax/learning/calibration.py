@@ -3,35 +3,38 @@
 Learning rates follow the number of steps, so it has to be known before the first one.
 """
 
-import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from garment_jax.config import Config
+from garment_jax.dataset.prepared import prepare
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.storage.scratch import scratch
 from garment_jax.structs import Scene
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train
+from garment_jax.training.run_directory import CACHE
 
 FRAMES = 12  # of the cloth as it settles
 MOVING = 1.15  # a moving body takes so much longer than a standing one
 STEPS = {"generative": 6, "warm_up": 6, "motion": 5, "detail": 6, "column_rnn": 6}
 FIRST = 2  # steps that are not counted: batches made in advance, caches
-CLIPS = 2
+COMPILED = "/jax/core/compile/backend_compile_duration"  # what JAX calls the event
 
 
 class Calibration(NamedTuple):
     """What training takes here."""
 
     seconds_per_step: dict[str, float]
-    overhead_seconds: float  # compiling, reading, beginning, of all stages together
+    overhead_seconds: float  # tracing, reading, beginning, of all stages together; compiling is done
 
 
 def seconds_per_frame(scene: Scene, settings: ClothSettings, flat: np.ndarray | None) -> float:
@@ -44,19 +47,41 @@ def seconds_per_frame(scene: Scene, settings: ClothSettings, flat: np.ndarray | 
     return MOVING * median(np.diff(times))
 
 
-def calibrate(config: Config, clips: Sequence[Path], work: Path) -> Calibration:
-    """Return what a step of each stage of `config` takes, from a few steps on the first of `clips`."""
-    with scratch(work) as place:
-        train_dir = place / "clips" / "train"
-        train_dir.mkdir(parents=True)
-        for clip in clips[:CLIPS]:
-            shutil.copyfile(clip, train_dir / clip.name)
+def calibrate(config: Config, clips: Path, run: Path) -> Calibration:
+    """Return what a step of each stage of `config` takes, from a few steps on the folder `clips`.
+
+    What is prepared of the clips is kept for the training in `run`, and so is what is compiled, where JAX
+    keeps it (`warm_start`): numbers of steps are no part of a program.
+    """
+    with scratch(run.parent) as place:
+        first = place / "run"
+        prepare(clips, config, first / CACHE)
         began = time.monotonic()
-        train(with_steps(config, STEPS), place / "run", data_dir=place / "clips")
-        seconds = time.monotonic() - began
-        per_step = step_seconds(read_log(place / "run", kind="train"))
+        with _compiling() as compiling:
+            train(with_steps(config, STEPS), first, data_dir=clips)
+        seconds = time.monotonic() - began - sum(compiling)
+        per_step = step_seconds(read_log(first, kind="train"))
+        (run / CACHE).mkdir(parents=True, exist_ok=True)
+        for file in (first / CACHE).glob("*.npy*"):  # named by what they are of
+            file.rename(run / CACHE / file.name)
     counted = sum(STEPS[name] * each for name, each in per_step.items())
     return Calibration(per_step, max(seconds - counted, 0.0))
+
+
+@contextmanager
+def _compiling() -> Iterator[list[float]]:
+    """Give a list of the seconds of everything that is compiled meanwhile."""
+    seconds: list[float] = []
+
+    def listen(event: str, lasted: float, **_: Any) -> None:
+        if event == COMPILED:
+            seconds.append(lasted)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield seconds
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def with_steps(config: Config, steps: Mapping[str, int]) -> Config:

@@ -116,7 +116,7 @@ class _Work:
         warm_start()
         with self.file.timed("simulate"):
             test, clips = self._simulated()
-        config = self._config(clips)
+        config = self._config()
         if not self.file.plan.trained:
             with self.file.timed("train"):
                 train(config, self.work / RUN, data_dir=self.work / CLIPS)
@@ -179,7 +179,7 @@ class _Work:
         each = sum(s for s, _ in made) / sum(frames for _, frames in made) if made else None
         return [outcome.path for outcome in outcomes if outcome.path is not None], each
 
-    def _config(self, clips: Sequence[Path]) -> Config:
+    def _config(self) -> Config:
         """Return the configuration to train with, decided now or before."""
         given, wanted, seconds = self.given, self.wanted, self.shares.training
         if self.file.plan.steps is None:
@@ -191,7 +191,7 @@ class _Work:
                     first = config_for(
                         given.scene, dict.fromkeys(stages, 1), seconds=seconds, seed=wanted.seed
                     )
-                    found = calibrate(first, clips, self.work)
+                    found = calibrate(first, self.work / CLIPS, self.work / RUN)
                     self.file.decide(**found._asdict())
             plan = self.file.plan
             assert plan.seconds_per_step is not None
