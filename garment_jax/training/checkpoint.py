@@ -16,6 +16,7 @@ import json
 import logging
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
@@ -37,6 +38,8 @@ FOLDER = CHECKPOINTS
 DIGESTS = "digests.json"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNREADABLE = "cannot be read; delete it to go on from the one before."
+# Numbers of `optimiser.Schedule`, which older versions had in their programs: the configuration gives them.
+_SCHEDULE = re.compile(r"opt_state/.*/(rate|rise|steps)$")
 
 
 class Checkpointer:
@@ -278,6 +281,9 @@ def _unflatten(like: Any, stored: Mapping[str, Any], folder: Path) -> Any:
     leaves = []
     for path, leaf in paths:
         where = keystr(path, simple=True, separator="/")
+        if where not in stored and _SCHEDULE.search(where):
+            leaves.append(leaf)
+            continue
         if where not in stored:
             raise ValueError(f"{folder} holds no {where!r}; it was saved by another network or version.")
         entry, value = stored[where]

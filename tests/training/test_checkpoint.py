@@ -13,11 +13,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
+from garment_jax.config import TrainingConfig
 from garment_jax.storage.scratch import make_scratch
 from garment_jax.training import checkpoint
 from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.optimiser import make_schedule
 
 
 def state() -> dict[str, Any]:
@@ -178,6 +181,15 @@ def test_another_networks_state_is_refused(tmp_path: Path, like: Any, message: s
     saver.save(1, {"x": jnp.zeros(2)})
     with pytest.raises(ValueError, match=message):
         saver.restore(like)
+
+
+def test_a_schedule_that_older_versions_had_in_their_program_is_that_of_the_configuration(tmp_path: Path):
+    params = {"w": jnp.ones(3)}
+    before = optax.scale_by_schedule(lambda count: 0.1).init(params)._replace(count=jnp.int32(7))
+    Checkpointer(tmp_path, "stage").save(7, {"opt_state": (before,)})
+    now = make_schedule(TrainingConfig(), learning_rate=0.3, steps=50)
+    (found,) = Checkpointer(tmp_path, "stage").restore({"opt_state": (now,)})["opt_state"]
+    assert_same_bits(found, now._replace(count=jnp.int32(7)))
 
 
 def test_missing_and_damaged_checkpoints_say_what_to_do(tmp_path: Path) -> None:
