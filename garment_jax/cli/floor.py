@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 PER_FRAME = "rmse_cm_per_frame"
 
-EXAMPLES = """  garment-jax floor data/mine/test/jump.h5 --start 100 --frames 60"""
+EXAMPLES = """  garment-jax floor data/mine/test/jump.h5 --start 100 --frames 60
+  garment-jax floor data/mine/test/jump.h5 --start 0 --cloth settle=60 --out again.h5   for evaluate --again"""
 
 
 def add(commands) -> None:
@@ -99,7 +100,7 @@ def _restarted(
         check_simulated(clip)
         check_input(clip)
         measure_extent(clip)  # frames that are not finite
-        check_same_cloth(clip, settings)
+        check_same_cloth(clip, settings, start=False)
         floor = floor_of(
             clip,
             settings,

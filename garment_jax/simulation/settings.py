@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 
 from garment_jax.config.key import key, metadata
 
+BEFORE = ("settle", "blend", "hold", "turn_in")  # settings of the frames before a clip's first
 _SWITCH = {"on": True, "true": True, "off": False, "false": False}
 
 

@@ -91,6 +91,23 @@ def test_the_command_prints_a_list_that_the_benchmark_reads(tmp_path: Path, monk
     assert "holds one clip, and 2 are given; name one" in capsys.readouterr().err
 
 
+def test_another_start_may_be_asked_for_and_no_other_cloth(tmp_path: Path, monkeypatch, capsys):
+    settled = ClothSettings(settle=45)
+    attributes = {"engine": "newton SolverStyle3D", "settings": settled.describe()}
+    clip = str(write_clip(tmp_path / "clip.h5", 3, attributes=attributes))
+    asked = []
+
+    def restart(clip, settings, *, start, frames, flat, own_start):
+        asked.append(settings)
+        return Floor(clip.path.stem, start, np.full(3, 2.5), clip.motion, clip.read(0, 3))
+
+    monkeypatch.setattr("garment_jax.simulation.floor.floor_of", restart)
+    assert main(["floor", clip, "--start", "0", "--cloth", "settle=60"]) == 0
+    assert asked == [replace(settled, settle=60)]
+    assert main(["floor", clip, "--start", "0", "--cloth", "settle=60", "bend=1"]) == 2
+    assert "was simulated with other cloth (bend 0.0003 there and 1 here)" in capsys.readouterr().err
+
+
 def test_a_prediction_is_no_simulation_to_repeat_and_no_file_of_others_is_replaced(tmp_path: Path, capsys):
     clip = str(write_clip(tmp_path / "clip.h5", 12))
     pred = str(write_clip(tmp_path / "pred.h5", 12, attributes={"kind": "predicted"}))
