@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 PER_FRAME = "rmse_cm_per_frame"
 
 EXAMPLES = """  garment-jax floor data/mine/test/jump.h5 --start 100 --frames 60
-  garment-jax floor data/mine/test/jump.h5 --start 0 --cloth settle=60 --out again.h5   for evaluate --again"""
+  garment-jax floor data/mine/test/jump.h5 --start 0 --cloth settle=60 --out again.h5  # evaluate --again"""
 
 
 def add(commands) -> None:
