@@ -31,6 +31,7 @@ from tests.importers.glb_files import write_glb
 from tests.importers.vto_files import write_vto
 from tests.reference.files import write_body, write_bvh, write_obj
 from tests.reference.scene import make_motion, write_clip
+from tests.reference.tiny_column_rnn import COLUMNS
 
 LONGEST = 900  # seconds of a command
 LEFT_OUT = {  # words that a command has, and why it is not run here
@@ -54,6 +55,7 @@ def make_files(folder: Path) -> None:
     """Write what the documents' commands read, by their names."""
     short = {name: replace(getattr(CONFIG, name), steps=2) for name in ("generative", "motion", "detail")}
     short["motion"] = replace(short["motion"], warm_up_steps=2)
+    short["column_rnn"] = replace(COLUMNS, steps=2)
     tiny = to_toml(replace(CONFIG, data=replace(CONFIG.data, validation=(), mirror=False), **short))
     for name in ("configs/skirt.toml", "configs/demo.toml", "models/mine.work/config.toml"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
