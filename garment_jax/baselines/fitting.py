@@ -62,7 +62,7 @@ def open_baseline(
 
     def check(data: DataSet) -> None:
         if config.simulation.clips:
-            check_simulation(config.simulation, data.fps, {"motion": config.motion.window})
+            check_simulation(config.simulation, data)
 
     run = open_run(
         config,

@@ -61,6 +61,8 @@ def learnt(config: Config, method: str) -> dict[str, dict[str, Any]]:
     if method != OURS:  # `differences` leaves this section out, which changes nothing of ours
         own = {k: v for k, v in table["baselines"].items() if v != default["baselines"][k]}
         picked |= {"baselines": own} if own else {}
+    if "simulation" in picked:  # clips in files beside the recorded ones; they were in memory, in their place
+        picked["simulation"]["kept"] = True
     return former_names(picked)
 
 
@@ -76,4 +78,6 @@ def stage_name(stage: str, config: Config, data: str) -> str:
     if stage == "detail" and config.detail.source == "reconstruction":
         sections = tuple(s for s in sections if s != "motion")
     values = learnt(config, OURS)
+    if config.simulation.clips:
+        sections = (*sections, "simulation")
     return digest([TRAINED, stage, data, {s: values.get(s, {}) for s in sections}])

@@ -95,12 +95,14 @@ def _restarted(
     from garment_jax.simulation.clips import ENGINE
     from garment_jax.simulation.command import check_same_cloth
     from garment_jax.simulation.floor import floor_of, summary
+    from garment_jax.simulation.settings import BEFORE
 
     with open_sequence(path) as clip:
         check_simulated(clip)
         check_input(clip)
         measure_extent(clip)  # frames that are not finite
-        check_same_cloth(clip, settings, start=False)
+        asked = {pair.partition("=")[0] for pair in options.cloth}
+        check_same_cloth(clip, settings, free=asked & set(BEFORE))  # another start that is asked for
         floor = floor_of(
             clip,
             settings,

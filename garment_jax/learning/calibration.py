@@ -3,6 +3,7 @@
 Learning rates follow the number of steps, so it has to be known before the first one.
 """
 
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -55,15 +56,17 @@ def calibrate(config: Config, clips: Path, run: Path) -> Calibration:
     """
     with scratch(run.parent) as place:
         first = place / "run"
-        prepare(clips, config, first / CACHE)
+        (first / CACHE).mkdir(parents=True)
+        prepare(clips, config, run / CACHE)
+        for file in (run / CACHE).glob("*.npy*"):  # named by what they are of
+            os.link(file, first / CACHE / file.name)
         began = time.monotonic()
         with _compiling() as compiling:
             train(with_steps(config, STEPS), first, data_dir=clips)
-        seconds = time.monotonic() - began - sum(compiling)
+        seconds = time.monotonic() - began
+        if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
+            seconds -= sum(compiling)  # not done again
         per_step = step_seconds(read_log(first, kind="train"))
-        (run / CACHE).mkdir(parents=True, exist_ok=True)
-        for file in (first / CACHE).glob("*.npy*"):  # named by what they are of
-            file.rename(run / CACHE / file.name)
     counted = sum(STEPS[name] * each for name, each in per_step.items())
     return Calibration(per_step, max(seconds - counted, 0.0))
 

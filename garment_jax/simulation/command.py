@@ -1,6 +1,6 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from collections.abc import Sequence as List
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +18,7 @@ from garment_jax.io.validation import check_motion
 from garment_jax.procedural.motions import MOTIONS, make_dance, make_motion
 from garment_jax.simulation.clips import ENGINE, Job
 from garment_jax.simulation.rest_shape import rest_shape
-from garment_jax.simulation.settings import BEFORE, ClothSettings, parse_cloth
+from garment_jax.simulation.settings import ClothSettings, parse_cloth
 from garment_jax.structs import Collider, Garment, RiggedBody
 
 EMBEDDED_CLIP = 112  # frames of an embedded clip, about
@@ -103,10 +103,10 @@ def _naming(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def check_same_cloth(clip: Sequence, settings: ClothSettings, *, start: bool = True) -> None:
+def check_same_cloth(clip: Sequence, settings: ClothSettings, *, free: Container[str] = ()) -> None:
     """Raise `ValueError` for a clip that `simulate` made with other settings: its cloth would be another.
 
-    Without `start` those of the frames before a clip's first may differ.
+    Those in `free` may differ.
     """
     said = clip.attributes.get("settings")
     if clip.attributes.get("engine") != ENGINE or said is None or str(said) == settings.describe():
@@ -114,7 +114,7 @@ def check_same_cloth(clip: Sequence, settings: ClothSettings, *, start: bool = T
     # a setting that came later was at its default
     theirs = _described(ClothSettings().describe()) | _described(str(said))
     ours = _described(settings.describe())
-    keys = [key for key in ours if start or key not in BEFORE]
+    keys = [key for key in ours if key not in free]
     odd = [f"{key} {theirs[key]} there and {ours[key]} here" for key in keys if theirs[key] != ours[key]]
     if odd:
         raise ValueError(f"{clip.path} was simulated with other cloth ({odd[0]}); give its own with --cloth.")

@@ -1,4 +1,4 @@
-"""Motions drawn from those that are there, of many kinds by turns: what the column RNN learns from.
+"""Motions drawn from those that are there, of many kinds by turns, to simulate and learn from.
 
 Turns, quick spins and raised legs are rare in captured dances and common in use; `vary_motion` and
 `cross_motions` make them.
@@ -39,6 +39,16 @@ def parse_kinds(texts: Sequence[str]) -> list[Kind]:
     return [_parse_kind(text) for text in texts]
 
 
+def check_kinds(kinds: Sequence[Kind], motions: int) -> None:
+    """Raise `ValueError` where none of `kinds` can be made out of so few motions."""
+    fewest = min(kind.made_of for kind in kinds)
+    if fewest > motions:
+        raise ValueError(
+            f"simulation.kinds are all crossed of {fewest} motions, and {motions} are there; add a kind that "
+            'is "varied".'
+        )
+
+
 def _parse_kind(text: str) -> Kind:
     first, *pairs = text.split() or [""]
     if first not in _MADE_OF:
@@ -50,9 +60,11 @@ def _parse_kind(text: str) -> Kind:
             known = ", ".join(Variation._fields)
             raise ValueError(f"simulation.kinds {text!r}: {name!r} cannot be varied; choose of {known}.")
         bounds[name] = _parse_bounds(text, name, numbers)
+    if first == "crossed":  # out of parts that begin together
+        if "begin" in bounds:
+            raise ValueError(f"simulation.kinds {text!r}: a crossed motion has no begin; leave it out.")
+        bounds["begin"] = (0.0, 0.0)
     variation = Variation(**bounds)
-    if first == "crossed":  # three parts begin together
-        variation = variation._replace(begin=(0.0, 0.0))
     return Kind(_MADE_OF[first], variation)
 
 
@@ -89,7 +101,8 @@ def drawn_motions(
     The k-th hangs on `seed`, k, `kinds` (those of a configuration by default) and `motions` alone.
     """
     kinds = parse_kinds(SimulationConfig().kinds) if kinds is None else kinds
-    kinds = [kind for kind in kinds if kind.made_of <= len(motions)] or [Kind(1, Variation())]
+    check_kinds(kinds, len(motions))
+    kinds = [kind for kind in kinds if kind.made_of <= len(motions)]
     draw = partial(_draw, motions=list(motions), body=body, kinds=kinds, seed=seed, longest=longest)
     return in_processes(draw, range(count), workers)
 

@@ -51,10 +51,9 @@ def train(
 
     def check(data: DataSet) -> None:  # what would be refused after hours
         if config.simulation.clips:
-            check_simulation(config.simulation, data.fps, windows)
-        else:
-            for name, window in windows.items():
-                check_window([len(clip.V) for clip in data.train], window, name)
+            check_simulation(config.simulation, data)
+        for name, window in windows.items():
+            check_window([len(clip.V) for clip in data.train], window, name)
         if stage == "column_rnn":
             make_column_tables(data.scene, config=config.column_rnn)
 

@@ -25,8 +25,15 @@ from garment_jax.training.log import RunLog
 from garment_jax.training.loop import StepFn, run_stage
 from garment_jax.training.optimiser import make_optimiser
 from garment_jax.training.pretrained import find_beginning
-from garment_jax.training.run_directory import CACHE, CHECKPOINTS, FACTS_NAME, check_run, prepare_run
-from garment_jax.training.simulated_clips import make_simulated_clips
+from garment_jax.training.run_directory import (
+    CACHE,
+    CHECKPOINTS,
+    FACTS_NAME,
+    check_run,
+    prepare_run,
+    run_facts,
+)
+from garment_jax.training.simulated_clips import CLIPS, make_simulated_clips
 
 
 class Run(NamedTuple):
@@ -70,7 +77,7 @@ def open_run(
                 f"{beginning.other_ring}; to go on from it take the [column_rnn] values of its config.toml"
             )
     check_run(folder, config, facts=facts)  # before another run's cache is written into
-    for place in (folder, folder / CACHE, *(folder / CHECKPOINTS).glob("*")):
+    for place in (folder, folder / CACHE, folder / CLIPS, *(folder / CHECKPOINTS).glob("*")):
         sweep(place)  # what a killed run left, also where nothing is missing and so nothing is written
     simulating = config.simulation.clips > 0
     data = prepare(data_dir, config, folder / CACHE, unposed=unposed and not simulating)
@@ -80,6 +87,8 @@ def open_run(
     if simulating:
         more = make_simulated_clips(data, config, folder, say=say)
         data = prepare(data_dir, config, folder / CACHE, more=more, unposed=unposed)
+        _check_begun_with(folder, data.content)
+        prepare_run(folder, config, facts=facts | {"simulated": data.content})
     if beginning is not None:
         data = data._replace(statistics=beginning.statistics)
     if not (folder / SCENE).is_file():  # so that what is saved of the run animates without its clips
@@ -87,6 +96,15 @@ def open_run(
     template = scene_template(data.scene, data.statistics, config)
     skinned = make_start(template, data.seeds, config.body.tau)
     return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))
+
+
+def _check_begun_with(folder: Path, content: str) -> None:
+    """Raise `ValueError` for a run with checkpoints that learnt from other simulated clips than these."""
+    if any((folder / CHECKPOINTS).glob("*/*")) and run_facts(folder).get("simulated") != content:
+        raise ValueError(
+            f"{folder} has learnt from other simulated clips than {folder / CLIPS} holds; train into another "
+            "--run-dir."
+        )
 
 
 def checkpointer(run: Run, stage: str) -> Checkpointer:

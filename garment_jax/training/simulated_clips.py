@@ -1,17 +1,16 @@
 """Clips simulated to train on, beside the recorded ones: made once, in the run's folder."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from garment_jax.config import Config, SimulationConfig
-from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.simulation.command import read_pattern
-from garment_jax.simulation.drawn_motions import drawn_motions, parse_kinds
+from garment_jax.simulation.drawn_motions import check_kinds, drawn_motions, parse_kinds
 from garment_jax.simulation.settings import ClothSettings, parse_cloth
 from garment_jax.storage.whole import write_text
 
@@ -30,11 +29,9 @@ def make_simulated_clips(
     from garment_jax.simulation.clips import Job, simulate_clips
 
     out, wanted = folder / CLIPS, config.simulation
-    known = out / DRAWN
-    if known.is_file():
-        files = [out / "train" / name for name in json.loads(known.read_text(encoding="utf-8"))]
-        if all(file.is_file() for file in files):
-            return files
+    known = _Known(out)
+    if known.whole():
+        return known.files()
     settings, flat = _cloth(wanted, data.fps)
     motions = drawn_motions(
         [clip.motion for clip in data.train if not clip.mirrored],
@@ -46,31 +43,52 @@ def make_simulated_clips(
         workers=wanted.workers,
     )
     jobs = [Job(f"drawn_{k:04d}", "train", motion) for k, motion in enumerate(motions, 1)]
-    say(f"simulating {len(jobs)} clips, {sum(len(motion.root) for motion in motions)} frames, into {out}")
+    jobs = [job for job in jobs if job.name not in known.left_out]
+    say(f"simulating {len(jobs)} clips, {sum(len(job.motion.root) for job in jobs)} frames, into {out}")
     outcomes = simulate_clips(
         data.scene, jobs, out, settings,
         flat=flat, workers=wanted.workers, device=wanted.device, at_once=wanted.at_once, progress=say,
     )  # fmt: skip
-    files = [outcome.path for outcome in outcomes if outcome.path is not None]
-    if not files:
+    known.kept = [outcome.job for outcome in outcomes if outcome.path is not None]
+    known.left_out |= {outcome.job: outcome.faults for outcome in outcomes if outcome.path is None}
+    if not known.kept:
         raise ValueError(
-            f"none of {len(jobs)} simulated clips can be learnt from, for the reasons above; give "
+            f"none of {len(motions)} simulated clips can be learnt from, for the reasons above; give "
             "simulation.cloth other settings, or simulation.kinds calmer ones."
         )
-    say(f"{len(files)} of {len(jobs)} simulated clips are kept")
-    write_text(known, json.dumps([file.name for file in files], indent=0) + "\n")
-    return files
+    say(f"{len(known.kept)} of {len(motions)} simulated clips are kept")
+    known.write()
+    return known.files()
 
 
-def check_simulation(config: SimulationConfig, fps: float, windows: Mapping[str, int]) -> None:
-    """Raise `ValueError` or `OSError` for what could not be simulated, before anything is.
+class _Known:
+    """What became of all clips once, so that those left out are not simulated at every call."""
 
-    `windows`: frames by stage.
-    """
-    settings, _ = _cloth(config, fps)
-    parse_kinds(config.kinds)
-    for stage, window in windows.items():
-        check_window([config.longest], window, stage)
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self.kept: list[str] = []
+        self.left_out: dict[str, list[str]] = {}
+        try:
+            found = json.loads((out / DRAWN).read_text(encoding="utf-8"))
+            self.kept, self.left_out = list(found["kept"]), dict(found["left_out"])
+        except (OSError, ValueError, KeyError, TypeError):  # none yet, or damaged: found out again
+            pass
+
+    def files(self) -> list[Path]:
+        return [self._out / "train" / f"{name}.h5" for name in self.kept]
+
+    def whole(self) -> bool:
+        return bool(self.kept) and all(file.is_file() for file in self.files())
+
+    def write(self) -> None:
+        text = json.dumps({"kept": self.kept, "left_out": self.left_out}, indent=1)
+        write_text(self._out / DRAWN, text + "\n")
+
+
+def check_simulation(config: SimulationConfig, data: DataSet) -> None:
+    """Raise `ValueError` or `OSError` for what could not be simulated out of `data`, before anything is."""
+    settings, _ = _cloth(config, data.fps)
+    check_kinds(parse_kinds(config.kinds), sum(not clip.mirrored for clip in data.train))
     import garment_jax.simulation.engine  # noqa: F401  (raises where it is not installed)
 
     if config.device == "cpu":

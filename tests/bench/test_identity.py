@@ -35,6 +35,14 @@ def test_a_run_of_ours_is_named_by_what_it_learns(sections: dict, same: bool) ->
     assert (run_name("ours", changed(**sections), "d") == run_name("ours", CONFIG, "d")) is same
 
 
+def test_simulated_clips_make_every_stage_another() -> None:
+    more = changed(simulation={"clips": 60})
+    for stage in ("generative", "warm_up", "motion", "detail"):
+        assert stage_name(stage, more, "d") != stage_name(stage, CONFIG, "d")
+    assert learnt(more, "ours")["simulation"]["kept"]
+    assert run_name("pan_2022", more, "d") != run_name("pan_2022", CONFIG, "d")
+
+
 def test_column_rnns_are_another_run_each() -> None:
     names = {
         run_name("ours", changed(column_rnn={"steps": steps, "hidden": hidden}), "d")

@@ -62,6 +62,7 @@ def test_a_kind_is_read_from_its_words() -> None:
         (["varied kicks=-1"], "kicks=-1 is no number"),
         (["varied kicks=6:2"], "kicks=6:2 is no number, nor two as LOW:HIGH"),
         (["varied tempo=0"], "tempo=0 is no number, nor two as LOW:HIGH of 0.1 or more"),
+        (["crossed begin=0.1"], "a crossed motion has no begin"),
         (["varied begin=2"], "begin=2 is no number, nor two as LOW:HIGH from 0 to 1"),
         (["varied turn=1:2:3"], "turn=1:2:3 is no number"),
     ],

@@ -20,6 +20,7 @@ from garment_jax.simulation import clips, many
 from garment_jax.structs import TrainState
 from garment_jax.training import column_rnn_stage, pipeline, simulated_clips
 from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.run import open_run
 from garment_jax.training.simulated_clips import check_simulation, make_simulated_clips
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
@@ -69,7 +70,9 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_again(
 ) -> None:
     simulated(data, tmp_path)
     kept = sorted((tmp_path / "clips" / "train").iterdir())
-    assert [file.name for file in kept] == json.loads((tmp_path / "clips" / "drawn.json").read_text())
+    known = json.loads((tmp_path / "clips" / "drawn.json").read_text())
+    assert [file.stem for file in kept] == known["kept"]
+    assert sorted([*known["kept"], *known["left_out"]]) == ["drawn_0001", "drawn_0002", "drawn_0003"]
     begun = []
     simulate = clips.simulate_many
     monkeypatch.setattr(clips, "simulate_many", lambda *a, **k: begun.append(a[1]) or simulate(*a, **k))
@@ -128,14 +131,34 @@ def test_no_clip_that_can_be_learnt_from_is_refused(
             {"kinds": ("danced turn=3",)},
             r"simulation\.kinds .danced turn=3. must begin with varied or",
         ),
-        ({"longest": 4}, r"column_rnn\.window = 5 frames, but the longest training clip has 4"),
         ({"device": "cuda:9"}, "the device cuda:9 is not there"),
         ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_before_anything_is_trained(changes: dict, sentence: str) -> None:
+def test_what_cannot_be_simulated_is_refused_before_anything_is(
+    data: DataSet, changes: dict, sentence: str
+) -> None:
     with pytest.raises((ValueError, OSError), match=sentence):
-        check_simulation(replace(SIMULATION, **changes), 30.0, {"column_rnn": 5})
+        check_simulation(replace(SIMULATION, **changes), data)
+
+
+def test_motions_that_are_too_few_to_cross_are_refused(data: DataSet) -> None:
+    few = data._replace(train=data.train[:4])  # two and their mirror images
+    with pytest.raises(ValueError, match="all crossed of 3 motions, and 2 are there; add a kind"):
+        check_simulation(replace(SIMULATION, kinds=("crossed turn=3",)), few)
+
+
+def test_a_run_that_learnt_from_other_simulated_clips_is_refused(folder: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    open_run(ALONE, run, data_dir=folder, unposed=False).log.close()
+    open_run(ALONE, run, data_dir=folder, unposed=False).log.close()
+    assert "simulated" in json.loads((run / "facts.json").read_text())
+    (run / "checkpoints" / "motion" / "5").mkdir(parents=True)
+    known = json.loads((run / "clips" / "drawn.json").read_text())
+    known["left_out"][known["kept"].pop()] = ["strain"]
+    (run / "clips" / "drawn.json").write_text(json.dumps(known))
+    with pytest.raises(ValueError, match=r"learnt from other simulated clips than .*another --run-dir"):
+        open_run(ALONE, run, data_dir=folder, unposed=False)
 
 
 def cheap_step(tables: ColumnTables, config: ColumnRnnConfig, optimiser: optax.GradientTransformation):
