@@ -76,9 +76,9 @@ def _compiling() -> Iterator[list[float]]:
     """Give a list of the seconds of everything that is compiled meanwhile."""
     seconds: list[float] = []
 
-    def listen(event: str, lasted: float, **_: Any) -> None:
+    def listen(event: str, duration_secs: float, **_: Any) -> None:
         if event == COMPILED:
-            seconds.append(lasted)
+            seconds.append(duration_secs)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:

@@ -1,7 +1,7 @@
 """Optimisers and learning-rate schedules, built from the configuration."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,7 +41,7 @@ def make_optimiser(
     clip = optax.clip_by_global_norm(training.clip_norm) if training.clip_norm > 0 else optax.identity()
     inner = (decay, adam) if training.optimiser == "adam_l2" else (adam, decay)
 
-    def scale(updates: optax.Updates, state: Schedule, params: optax.Params | None = None):
+    def scale(updates: Any, state: Any, params: Any = None) -> tuple[Any, Schedule]:
         rate = rate_at(training, state)
         return jax.tree.map(lambda x: -rate * x, updates), state._replace(count=state.count + 1)
 
