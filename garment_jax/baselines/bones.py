@@ -40,7 +40,7 @@ def find_bones(run: Run) -> Bones:
     path = run.folder / "cache" / f"bones-{count}-{run.data.content}.npz"
 
     def weights() -> dict[str, np.ndarray]:
-        V, rest = spread_frames(run.data, FRAMES)[0].astype(np.float64), run.template.T.astype(np.float64)
+        V, rest = spread_frames(run.data, FRAMES).astype(np.float64), run.template.T.astype(np.float64)
         say(f"bones: decomposing {len(V)} frames into {count} bones")
         found = decompose(rest, V, count, INFLUENCES, ITERATIONS, TOLERANCE)[0]
         return {"weights": found.astype(np.float32)}

@@ -79,7 +79,7 @@ def rollout(
 
 def _parameters(run: Run, *, past: bool) -> dict[str, np.ndarray]:
     config = run.config.baselines
-    components = principal_components(spread_frames(run.data, START_FRAMES)[0], config.components)
+    components = principal_components(spread_frames(run.data, START_FRAMES), config.components)
     chosen = columns(run.data.scene.body, run.config, READS)
     x = [normalised(clip.input.x.M, run.template, chosen) for clip in run.data.train]
     c = [

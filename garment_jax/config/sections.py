@@ -171,7 +171,7 @@ class SimulationConfig:
     """Clips that are simulated to learn from, beside the recorded ones."""
 
     clips: int = key(0, "motions drawn out of the recorded ones; 0: the recorded clips alone")
-    kinds: tuple[str, ...] = key(_KINDS, "of motions, by turns (simulation.md)", later=True)
+    kinds: tuple[str, ...] = key(_KINDS, "of motions, by turns: 'Making training clips'", later=True)
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
     cloth: tuple[str, ...] = key((), 'as `simulate --cloth`, such as ["bend_bias=0.5"]')
     pattern: str = key("", 'as `simulate --pattern`; "": from the UVs')

@@ -26,13 +26,14 @@ def random_frames(data: DataSet, count: int, *, seed: int, step: int) -> tuple[n
     return np.concatenate(V), np.concatenate(T_tilde)
 
 
-def spread_frames(data: DataSet, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return about `count` frames spread over all training clips, as `random_frames` does."""
+def spread_frames(
+    data: DataSet, count: int, of: Callable[[PreparedClip, np.ndarray, DataSet], np.ndarray] = targets_of
+) -> np.ndarray:
+    """Return V_star, or `unposed_targets_of`, of about `count` frames spread over all training clips."""
     total = sum(len(clip.V) for clip in data.train)
     stride = max(total // count, 1)
-    picks = [(clip, np.arange(i % stride, len(clip.V), stride), data) for i, clip in enumerate(data.train)]
-    V, T_tilde = ([of(*pick) for pick in picks] for of in (targets_of, unposed_targets_of))
-    return np.concatenate(V), np.concatenate(T_tilde)
+    frames = [of(clip, np.arange(i % stride, len(clip.V), stride), data) for i, clip in enumerate(data.train)]
+    return np.concatenate(frames)
 
 
 def lane_schedule(

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.dataset.batches import random_frames, spread_frames
+from garment_jax.dataset.prepared import unposed_targets_of
 from garment_jax.model.generative.canonical import posed
 from garment_jax.model.generative.network import decode, encode, init_generative
 from garment_jax.model.generative.principal import begin_linear
@@ -50,7 +51,8 @@ def begin_generative(run: Run) -> dict:
         return load_pretrained(folder, "generative", params)
     if not config.linear_skip or checkpointer(run, "generative").latest() is not None:
         return params
-    V, T_tilde = spread_frames(run.data, START_FRAMES)
+    V = spread_frames(run.data, START_FRAMES)
+    T_tilde = spread_frames(run.data, START_FRAMES, unposed_targets_of)
     say(f"generative: principal components of {len(V)} frames")
     return begin_linear(params, V, T_tilde, template=run.template, config=config)
 

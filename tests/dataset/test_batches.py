@@ -81,11 +81,11 @@ def test_random_frames_depend_on_seed_and_step_alone_and_reach_every_clip(data: 
 
 
 def test_spread_frames_come_from_every_clip(data: DataSet):
-    V, T_tilde = spread_frames(data, 12)
+    V, T_tilde = (spread_frames(data, 12, of) for of in (targets_of, unposed_targets_of))
     assert len(V) == len(T_tilde) == 12
     clip = {(int(y) // 100, bool(x > 0)) for x, y in zip(V[:, 1, 0], V[:, 0, 1], strict=True)}
     assert len(clip) == 4
-    assert len(spread_frames(data, 1000)[0]) == sum(LENGTHS)
+    assert len(spread_frames(data, 1000)) == sum(LENGTHS)
 
 
 def test_lanes_read_inputs_codes_and_vertices_of_one_window(data: DataSet):

@@ -50,7 +50,8 @@ def test_the_list_has_sizes_times_errors_and_pictures(capsys: pytest.CaptureFixt
     assert (listed["skirt"][1], listed["skirt"][4]) == ("2800", "3.26")
     for _, vertices, size, ms, error, picture in listed.values():
         assert 0 < float(ms) < float(vertices)
-        assert 0 < float(error) < float(size)
+        assert 0 < float(size) <= 12
+        assert 0 < float(error) < 10
         assert Path(picture).is_file()
 
 
