@@ -56,10 +56,13 @@ def run(options: argparse.Namespace) -> None:
         options.out = Path("models") / options.runs[0].resolve().name
     check_no_model(options.out, options.force)
     measured = [name for name in MEASURED if (options.out / name).is_file()]
-    model = mean_model([trained_model(run) for run in options.runs], list(map(str, options.runs)))
+    names = list(map(str, options.runs))
+    model = mean_model([trained_model(run) for run in options.runs], names)
     sample = _sample(options.scene, options.runs, model)
     picture = None if sample is None else template_portrait(sample.scene)
-    folder = save_model(model, options.out, bits=options.bits, sample=sample, picture=picture)
+    folder = save_model(
+        model, options.out, bits=options.bits, sample=sample, picture=picture, source=" and ".join(names)
+    )
     size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) / 1e6
     print(f"{folder}: {size:.1f} MB, {options.bits} bits")
     if measured:

@@ -162,17 +162,19 @@ def save_model(
     bits: int = 16,
     sample: Sample | None = None,
     picture: bytes | None = None,
+    source: str = "the model",
 ) -> Path:
     """Write `model` into `folder`, all files or none; return the folder.
 
     `sample` is what it animates, and a motion to see it with: a model with it runs alone. `picture` is a PNG
-    of it. A model of the same garment there is replaced, and what was measured with it removed. Raises
+    of it. `source` is where the parameters come from, for what is said of them.
+    A model of the same garment there is replaced, and what was measured with it removed. Raises
     `ValueError` for a parameter that 16 bits cannot hold, a scene of another garment, and for a folder that
     holds anything else (a run, a model of another garment), `OSError` where the disk is full.
     """
     folder = Path(folder)
     check_replaceable(folder, model.garment_hash)
-    arrays = {name: _stored(name, x, bits) for name, x in flatten_dict(model.params, sep="/").items()}
+    arrays = {name: _stored(name, x, bits, source) for name, x in flatten_dict(model.params, sep="/").items()}
     arrays |= {f"statistics/{k}": np.asarray(v) for k, v in model.statistics._asdict().items()}
     facts = {"garment_hash": model.garment_hash, "vertices": model.vertices, "fps": model.fps, "bits": bits}
     facts["shaping"] = shaping_of(to_dict(model.config))
@@ -200,14 +202,14 @@ def save_model(
     return folder
 
 
-def _stored(name: str, x: Any, bits: int) -> np.ndarray:
+def _stored(name: str, x: Any, bits: int, source: str) -> np.ndarray:
     """Return a parameter in the type that it is stored in."""
     with np.errstate(over="ignore"):
         stored = np.asarray(x).astype(np.float16 if bits == 16 else np.float32)
     if not np.isfinite(stored).all():
         raise ValueError(
-            f"parameter {name} reaches {np.abs(np.asarray(x)).max():.3g}, which {bits} bits cannot hold; "
-            "save it with --bits 32 or train it again."
+            f"parameter {name} of {source} reaches {np.abs(np.asarray(x)).max():.3g}, which {bits} bits cannot "
+            "hold; save it with --bits 32 or train it again."
         )
     return stored
 

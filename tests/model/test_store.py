@@ -55,8 +55,8 @@ def test_16_bits_round_to_three_digits_and_come_back_as_float32(tmp_path: Path):
 
 def test_what_16_bits_cannot_hold_is_refused_before_anything_is_written(tmp_path: Path):
     wild = tiny_model()._replace(params={"generative": {"split_s": {"kernel": np.array([7e4])}}})
-    with pytest.raises(ValueError, match=r"generative/split_s/kernel reaches 7e\+04, which 16 bits cannot"):
-        save_model(wild, tmp_path / "model")
+    with pytest.raises(ValueError, match=r"split_s/kernel of runs/a reaches 7e\+04, which 16 bits cannot"):
+        save_model(wild, tmp_path / "model", source="runs/a")
     assert not (tmp_path / "model").exists()
 
 
