@@ -207,9 +207,10 @@ def _stored(name: str, x: Any, bits: int, source: str) -> np.ndarray:
     with np.errstate(over="ignore"):
         stored = np.asarray(x).astype(np.float16 if bits == 16 else np.float32)
     if not np.isfinite(stored).all():
+        largest = np.abs(np.asarray(x)).max()
         raise ValueError(
-            f"parameter {name} of {source} reaches {np.abs(np.asarray(x)).max():.3g}, which {bits} bits cannot "
-            "hold; save it with --bits 32 or train it again."
+            f"parameter {name} of {source} reaches {largest:.3g}, which {bits} bits cannot hold; "
+            "save it with --bits 32 or train it again."
         )
     return stored
 
