@@ -134,6 +134,11 @@ def trained_model(path: str | Path) -> Model:
         saved = Checkpointer(path, stage)
         if saved.latest() is not None:
             found[stage], metadata = saved.tree("params"), saved.metadata()["metadata"]
+            if not isinstance(metadata.get("config"), dict):
+                raise ValueError(
+                    f"{saved.folder} is damaged: its newest metadata.json has no configuration; delete that "
+                    "checkpoint, or train the stage again."
+                )
             metadata["config"] = current_names(metadata["config"])
             from_metadata(metadata, {}, saved.folder)  # sound, for what is read of it below
     early = Checkpointer(path, "warm_up")

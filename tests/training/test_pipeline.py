@@ -1,5 +1,6 @@
 """All stages by one command; killed in every one of them, the same command ends bit for bit alike."""
 
+import json
 import os
 import random
 import signal
@@ -311,6 +312,24 @@ def test_what_a_killed_training_left_beside_a_finished_stage_goes(
         folder.mkdir()
     train(CONFIG, run, data_dir=data_dir)
     assert not any(folder.exists() for folder in left)
+
+
+@pytest.mark.parametrize("config", [None, 7, "gone"])
+def test_a_checkpoint_that_says_no_configuration_is_a_sentence(
+    tmp_path: Path, uninterrupted: Path, config: object
+):
+    from shutil import copytree
+
+    run = copytree(uninterrupted, tmp_path / "run")
+    (newest,) = sorted((run / "checkpoints" / "motion").iterdir())[-1:]
+    (newest / "digests.json").unlink()  # as older versions wrote it
+    described = json.loads((newest / "metadata.json").read_text())
+    described["metadata"]["config"] = config
+    if config == "gone":
+        del described["metadata"]["config"]
+    (newest / "metadata.json").write_text(json.dumps(described))
+    with pytest.raises(ValueError, match=r"motion is damaged: its newest .* has no configuration"):
+        trained_model(run)
 
 
 def test_the_run_is_a_model_and_16_bits_of_it_animate_alike(
