@@ -10,11 +10,9 @@ import jax
 import numpy as np
 
 from garment_jax.config import Config, GenerativeConfig, to_dict
-from garment_jax.dataset.prepared import DataSet
 from garment_jax.io.content_hash import garment_hash
 from garment_jax.model.store import Model, load_model, save_model
 from garment_jax.training.run import Run, open_run
-from garment_jax.training.simulated_clips import check_simulation
 
 MODEL = "model"  # folder inside a run's; appears when the fit has ended
 
@@ -60,16 +58,11 @@ def open_baseline(
         config = dataclasses.replace(config, generative=generative)
     own = {k: v for k, v in to_dict(config)["baselines"].items() if k.startswith(keys)}
 
-    def check(data: DataSet) -> None:
-        if config.simulation.clips:
-            check_simulation(config.simulation, data)
-
     run = open_run(
         config,
         folder,
         data_dir=data_dir,
         more_facts={"method": name, "baselines": own},
-        check=check,
         unposed=generative is not None,
     )
     with run.log:

@@ -34,7 +34,6 @@ def train(
     from garment_jax.training.generative_stage import train_generative
     from garment_jax.training.motion_stage import train_motion
     from garment_jax.training.run import open_run, say
-    from garment_jax.training.simulated_clips import check_simulation
 
     stage = current(stage)
     if stage not in ("all", *STAGES):
@@ -50,8 +49,6 @@ def train(
     windows = {name: getattr(config, name).window for name in ("motion", "column_rnn") if name in steps}
 
     def check(data: DataSet) -> None:  # what would be refused after hours
-        if config.simulation.clips:
-            check_simulation(config.simulation, data)
         for name, window in windows.items():
             check_window([len(clip.V) for clip in data.train], window, name)
         if stage == "column_rnn":

@@ -33,7 +33,12 @@ from garment_jax.training.run_directory import (
     prepare_run,
     run_facts,
 )
-from garment_jax.training.simulated_clips import CLIPS, make_simulated_clips
+from garment_jax.training.simulated_clips import (
+    CLIPS,
+    check_motions,
+    check_simulation,
+    make_simulated_clips,
+)
 
 
 class Run(NamedTuple):
@@ -64,7 +69,9 @@ def open_run(
     fit them; `unposed` as in `prepare`. Raises
     `ValueError` for a folder that belongs to others, and as `find_beginning`.
     """
-    folder = Path(folder)
+    folder, simulating = Path(folder), config.simulation.clips > 0
+    if simulating:
+        check_simulation(config.simulation)
     with open_sequence(training_clips(data_dir, config.data.validation)[0]) as first:
         facts = {"garment": garment_hash(first.scene.garment), **(more_facts or {})}
         beginning = find_beginning(config, first.scene.garment, first.fps)
@@ -79,10 +86,11 @@ def open_run(
     check_run(folder, config, facts=facts)  # before another run's cache is written into
     for place in (folder, folder / CACHE, folder / CLIPS, *(folder / CHECKPOINTS).glob("*")):
         sweep(place)  # what a killed run left, also where nothing is missing and so nothing is written
-    simulating = config.simulation.clips > 0
     data = prepare(data_dir, config, folder / CACHE, unposed=unposed and not simulating)
     if check is not None:
         check(data)
+    if simulating:
+        check_motions(config.simulation, data)
     prepare_run(folder, config, facts=facts | {"data": data.content})
     if simulating:
         more = make_simulated_clips(data, config, folder, say=say)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,11 +69,9 @@ class _Known:
         self._out = out
         self.kept: list[str] = []
         self.left_out: dict[str, list[str]] = {}
-        try:
+        with suppress(OSError, ValueError, KeyError, TypeError):  # none yet, or damaged: found out again
             found = json.loads((out / DRAWN).read_text(encoding="utf-8"))
             self.kept, self.left_out = list(found["kept"]), dict(found["left_out"])
-        except (OSError, ValueError, KeyError, TypeError):  # none yet, or damaged: found out again
-            pass
 
     def files(self) -> list[Path]:
         return [self._out / "train" / f"{name}.h5" for name in self.kept]
@@ -85,10 +84,10 @@ class _Known:
         write_text(self._out / DRAWN, text + "\n")
 
 
-def check_simulation(config: SimulationConfig, data: DataSet) -> None:
-    """Raise `ValueError` or `OSError` for what could not be simulated out of `data`, before anything is."""
-    settings, _ = _cloth(config, data.fps)
-    check_kinds(parse_kinds(config.kinds), sum(not clip.mirrored for clip in data.train))
+def check_simulation(config: SimulationConfig) -> None:
+    """Raise `ValueError` or `OSError` for what could not be simulated, before any clip is read."""
+    settings, _ = _cloth(config, ClothSettings().fps)
+    parse_kinds(config.kinds)
     import garment_jax.simulation.engine  # noqa: F401  (raises where it is not installed)
 
     if config.device == "cpu":
@@ -97,6 +96,11 @@ def check_simulation(config: SimulationConfig, data: DataSet) -> None:
 
     check_settings(settings)
     find_device(config.device)
+
+
+def check_motions(config: SimulationConfig, data: DataSet) -> None:
+    """Raise `ValueError` where the recorded motions are too few for every kind."""
+    check_kinds(parse_kinds(config.kinds), sum(not clip.mirrored for clip in data.train))
 
 
 def _cloth(config: SimulationConfig, fps: float) -> tuple[ClothSettings, np.ndarray | None]:

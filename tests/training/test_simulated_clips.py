@@ -21,7 +21,7 @@ from garment_jax.structs import TrainState
 from garment_jax.training import column_rnn_stage, pipeline, simulated_clips
 from garment_jax.training.checkpoint import Checkpointer
 from garment_jax.training.run import open_run
-from garment_jax.training.simulated_clips import check_simulation, make_simulated_clips
+from garment_jax.training.simulated_clips import check_motions, make_simulated_clips
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_column_rnn import COLUMNS
@@ -135,17 +135,19 @@ def test_no_clip_that_can_be_learnt_from_is_refused(
         ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_before_anything_is(
-    data: DataSet, changes: dict, sentence: str
+def test_what_cannot_be_simulated_is_refused_before_any_clip_is_read(
+    folder: Path, tmp_path: Path, changes: dict, sentence: str
 ) -> None:
+    config = replace(ALONE, simulation=replace(SIMULATION, **changes))
     with pytest.raises((ValueError, OSError), match=sentence):
-        check_simulation(replace(SIMULATION, **changes), data)
+        open_run(config, tmp_path / "run", data_dir=folder)
+    assert not (tmp_path / "run").exists()
 
 
 def test_motions_that_are_too_few_to_cross_are_refused(data: DataSet) -> None:
     few = data._replace(train=data.train[:4])  # two and their mirror images
     with pytest.raises(ValueError, match="all crossed of 3 motions, and 2 are there; add a kind"):
-        check_simulation(replace(SIMULATION, kinds=("crossed turn=3",)), few)
+        check_motions(replace(SIMULATION, kinds=("crossed turn=3",)), few)
 
 
 def test_a_run_that_learnt_from_other_simulated_clips_is_refused(folder: Path, tmp_path: Path) -> None:
