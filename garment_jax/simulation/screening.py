@@ -1,15 +1,17 @@
 """Is a simulated clip fit to be learnt from? (pitfalls 3 and 6 of the ground truth)
 
 Penetration, strain and NaN are seen in single frames. A skirt that bunched at the waist passes all of
-them: it is found by the hem's height over time.
+them: it is found by the hem's height over time, spins apart, which lift a hem as they should.
 """
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from garment_jax.body.kinematics import collider_points, pose_body
+from garment_jax.body.root_frame import headings
 from garment_jax.evaluation.cloth import edge_strain, rest_lengths
 from garment_jax.evaluation.penetration import (
     closed_surface,
@@ -23,6 +25,8 @@ from garment_jax.geometry.topology import unique_edges
 from garment_jax.structs import Motion, Scene
 
 SETTLED = 0.25  # part of the frames, at each end of a clip, whose hem heights are compared
+SPIN = np.radians(90.0)  # a second: a body that turns faster lifts the hem itself
+FALL = 1.0  # seconds in which the hem has come down again
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Screen(NamedTuple):
     strain_p99_percent: float
     hem_lowest_cm: float
     hem_highest_cm: float
-    hem_rise_cm: float  # last quarter's median over the first's
+    hem_rise_cm: float  # last quarter's median over the first's, spins apart; 0 where all of it is spin
     crossing_edges: float  # self-intersections, mean per screened frame
 
 
@@ -63,7 +67,7 @@ def screen_clip(scene: Scene, motion: Motion, V: np.ndarray, *, every: int = 10)
     strain = edge_strain(V[which], edges, rest_lengths(garment.template, edges))
     inside = _penetration(scene, motion, V, which)
     height = _hem_height(scene, motion, V)
-    rise = _rise(height)
+    rise = _rise(height, _hangs(motion))
     crossings = [self_intersections(V[t].astype(np.float64), garment.faces, edges) for t in which]
     return Screen(
         len(V),
@@ -110,10 +114,22 @@ def _penetration(scene: Scene, motion: Motion, V: np.ndarray, which: np.ndarray)
     return np.array([[row.inside_percent, row.deepest_mm] for row in rows])
 
 
-def _rise(height: np.ndarray) -> float:
-    """Return how much higher the last quarter of heights `[t]` is than the first, medians."""
+def _rise(height: np.ndarray, hangs: np.ndarray) -> float:
+    """Return how much higher the last quarter of heights `[t]` is than the first, medians.
+
+    Of the last quarter only the frames `hangs` `[t]` count, in which no spin holds the hem up.
+    """
     quarter = max(int(SETTLED * len(height)), 1)
-    return float(np.median(height[-quarter:]) - np.median(height[:quarter]))
+    last = height[-quarter:][hangs[-quarter:]]
+    return float(np.median(last) - np.median(height[:quarter])) if len(last) else 0.0
+
+
+def _hangs(motion: Motion) -> np.ndarray:
+    """Return in which frames `[t]` the body has not turned quickly for a while, bool."""
+    turned = np.abs(np.diff(np.unwrap(headings(motion)), prepend=0.0)) * motion.fps
+    turned[:1] = 0.0
+    since = max(round(FALL * motion.fps), 1)
+    return maximum_filter1d(turned, since, origin=(since - 1) // 2, mode="nearest") < SPIN
 
 
 def _hem_height(scene: Scene, motion: Motion, V: np.ndarray) -> np.ndarray:

@@ -70,6 +70,21 @@ def test_a_skirt_that_bunches_and_stays_up_is_found_and_a_kick_is_not(still):
     assert kick.hem_highest_cm > kick.hem_lowest_cm + 5.0
 
 
+@pytest.mark.parametrize(("stops", "found"), [(200, False), (100, True)])
+def test_a_hem_that_a_spin_holds_up_is_not_up_for_good(still, stops: int, found: bool):
+    """A clip that ends in a spin says nothing; a hem still up a second after one is caught."""
+    scene, motion = still
+    angle = np.radians(12.0) * np.clip(np.arange(200) - 20, 0, stops - 20)  # 360 degrees a second
+    c, s, o, i = np.cos(angle), np.sin(angle), 0 * angle, 0 * angle + 1
+    turn = np.stack([np.stack(row, -1) for row in ([c, o, s], [o, i, o], [-s, o, c])], -2)
+    turning = Motion(turn[:, None] @ motion.rotations[:1], np.repeat(motion.root[:1], 200, axis=0), 30.0)
+    V = np.repeat(hanging(scene)[:1], 200, axis=0)
+    V[40:, :, 1] = V[0, :, 1].max() + 0.7 * (V[40:, :, 1] - V[0, :, 1].max())
+    said = faults(screen_clip(scene, turning, V, every=100), ScreenLimits(100.0, 100.0, 100.0))
+    assert [fault for fault in said if "for good" not in fault] == []
+    assert bool(said) is found
+
+
 def test_a_value_that_is_not_finite_is_refused_with_its_frame(still):
     V = hanging(still[0])
     V[7, 3, 1] = np.nan

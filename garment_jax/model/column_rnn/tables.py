@@ -15,6 +15,7 @@ from garment_jax.structs import Collider, Scene
 BODY_POINTS = 1500  # of the collider: 3 cm from each other on the shared body
 LEVELS = 12  # heights at which the body's radius is read
 ABOVE, BELOW = 0.4, 1.35  # lengths of cloth from the anchors that the levels span
+LINE = 0.2  # of their length: pins that are not as far apart across it lie in a line (a cape's: 0.08)
 SPREAD = 0.13  # parts of its distance from the anchor that a cell strays from where it hangs (shared skirt)
 
 
@@ -22,6 +23,8 @@ def make_column_tables(
     scene: Scene, *, config: ColumnRnnConfig, seen: SeenBody | None = None
 ) -> ColumnTables:
     """Return the tables of `scene`: columns by azimuth about the pins, rows by the way over the cloth.
+
+    Pins in a line, as of a cape, are seen from the body: the azimuth is that about the root joint.
 
     `seen`: where the body is looked at, on the scene's own collider (`seen_body`) unless given.
     Raises `ValueError` for a garment without pins or a part that hangs on none: nothing carries its columns.
@@ -38,10 +41,11 @@ def make_column_tables(
     way = geodesics_to_pins(garment, carried.pins)[0]
     T = garment.template.astype(np.float64) - scene.body.joints[0]
     pins = T[carried.pins]
-    axis = pins.mean(axis=0)
+    axis = pins.mean(axis=0) * ([0.0, 1.0, 0.0] if _in_line(pins) else 1.0)  # T: from the root joint
     frames = _frames(a)
     anchors = _anchors(_azimuth(pins - axis), a)
     at = anchors @ pins
+    aside = (axis - at.mean(axis=0)) if _in_line(pins) else np.zeros(3)  # of a ring they are one
     azimuth, depth = _azimuth(T - axis), way / max(way.max(), 1e-9)
     near = make_stencil(*_corners(azimuth, depth, a, h), a * h)
     total = near.weight_t.sum(axis=1)
@@ -59,6 +63,7 @@ def make_column_tables(
     return ColumnTables(
         frames.astype(np.float32),
         anchors.astype(np.float32),
+        aside.astype(np.float32),
         np.einsum("aij,aj->ai", frames, at - at.mean(axis=0)).astype(np.float32),
         rest.astype(np.float32),
         typical.astype(np.float32),
@@ -90,6 +95,12 @@ def hangs_on_pins(scene: Scene) -> bool:
     if scene.pins is None or not len(scene.pins.vertices):
         return False
     return bool(np.isfinite(geodesics_to_pins(scene.garment, scene.pins.vertices)[0]).all())
+
+
+def _in_line(pins: np.ndarray) -> bool:
+    """Return whether pins `[p, 3]`, seen from above, lie near one line rather than around something."""
+    spread = np.linalg.svd((pins - pins.mean(axis=0))[:, [0, 2]], compute_uv=False)
+    return bool(spread[-1] < LINE * spread[0])
 
 
 def sector(x: np.ndarray, columns: int) -> np.ndarray:
