@@ -175,6 +175,8 @@ class SimulationConfig:
     longest: int = key(350, "frames of a motion, cut out anywhere", "positive")
     cloth: tuple[str, ...] = key((), 'as `simulate --cloth`, such as ["bend_bias=0.5"]')
     pattern: str = key("", 'as `simulate --pattern`; "": from the UVs')
+    seed: int = key(0, "of the motions that are drawn", "seed", later=True)
+    dir: str = key("", 'folder of the clips, which runs may share; "": in the run', shapes="use")
     device: str = key("cpu", "cuda: many clips side by side on a GPU", shapes="use")
     at_once: int = key(128, "clips side by side there", "positive", shapes="use")
     workers: int = key(1, "processes", "positive", shapes="use")

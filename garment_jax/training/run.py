@@ -34,9 +34,9 @@ from garment_jax.training.run_directory import (
     run_facts,
 )
 from garment_jax.training.simulated_clips import (
-    CLIPS,
     check_motions,
     check_simulation,
+    clips_folder,
     make_simulated_clips,
 )
 
@@ -84,7 +84,8 @@ def open_run(
                 f"{beginning.other_ring}; to go on from it take the [column_rnn] values of its config.toml"
             )
     check_run(folder, config, facts=facts)  # before another run's cache is written into
-    for place in (folder, folder / CACHE, folder / CLIPS, *(folder / CHECKPOINTS).glob("*")):
+    clips = clips_folder(config.simulation, folder)
+    for place in (folder, folder / CACHE, clips, *(folder / CHECKPOINTS).glob("*")):
         sweep(place)  # what a killed run left, also where nothing is missing and so nothing is written
     data = prepare(data_dir, config, folder / CACHE, unposed=unposed and not simulating)
     if check is not None:
@@ -95,7 +96,7 @@ def open_run(
     if simulating:
         more = make_simulated_clips(data, config, folder, say=say)
         data = prepare(data_dir, config, folder / CACHE, more=more, unposed=unposed)
-        _check_begun_with(folder, data.content)
+        _check_begun_with(folder, clips, data.content)
         prepare_run(folder, config, facts=facts | {"simulated": data.content})
     if beginning is not None:
         data = data._replace(statistics=beginning.statistics)
@@ -106,11 +107,11 @@ def open_run(
     return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))
 
 
-def _check_begun_with(folder: Path, content: str) -> None:
+def _check_begun_with(folder: Path, clips: Path, content: str) -> None:
     """Raise `ValueError` for a run with checkpoints that learnt from other simulated clips than these."""
     if any((folder / CHECKPOINTS).glob("*/*")) and run_facts(folder).get("simulated") != content:
         raise ValueError(
-            f"{folder} has learnt from other simulated clips than {folder / CLIPS} holds; train into another "
+            f"{folder} has learnt from other simulated clips than {clips} holds; train into another "
             "--run-dir."
         )
 

@@ -85,6 +85,15 @@ def test_a_hem_that_a_spin_holds_up_is_not_up_for_good(still, stops: int, found:
     assert bool(said) is found
 
 
+def test_a_hem_that_swings_and_comes_down_again_is_not_up_for_good(still):
+    scene, motion = still
+    moving = Motion(motion.rotations[:1].repeat(200, 0), motion.root[:1].repeat(200, 0), 30.0)
+    V = np.repeat(hanging(scene)[:1], 200, axis=0)
+    up = np.where(np.arange(200) < 60, 0.0, 0.3 * (np.arange(200) % 6 != 0))[:, None]  # one frame in six down
+    V[..., 1] += up * (V[0, :, 1].max() - V[..., 1])
+    assert faults(screen_clip(scene, moving, V, every=200), ScreenLimits(strain_p99_percent=100.0)) == []
+
+
 def test_a_value_that_is_not_finite_is_refused_with_its_frame(still):
     V = hanging(still[0])
     V[7, 3, 1] = np.nan

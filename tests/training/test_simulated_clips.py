@@ -114,6 +114,49 @@ def test_clips_side_by_side_are_those_one_by_one(
         np.testing.assert_allclose(a, b, atol=2e-3)
 
 
+def test_runs_of_other_seeds_and_networks_share_a_folder(
+    folder: Path, data: DataSet, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared = replace(ALONE, simulation=replace(SIMULATION, dir=str(tmp_path / "shared")))
+    simulated(data, tmp_path / "a", shared)
+    monkeypatch.setattr(simulated_clips, "drawn_motions", None)
+    other = replace(
+        shared,
+        data=replace(shared.data, mirror=False),
+        training=replace(shared.training, seed=3),
+        generative=replace(shared.generative, skin_reach=0.0),
+    )
+    (tmp_path / "b").mkdir()
+    for a, b in zip(
+        made, simulated(prepare(folder, other, tmp_path / "b"), tmp_path / "b", other), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert not (tmp_path / "b" / "clips").exists()
+    for changes, what in (
+        ({"seed": 1}, r"with another simulation\.seed"),
+        ({"longest": 6}, r"simulation\.longest"),
+    ):
+        with pytest.raises(ValueError, match=f"shared holds clips that were drawn .*{what}; name another"):
+            simulated(data, tmp_path, replace(shared, simulation=replace(shared.simulation, **changes)))
+    fewer = data._replace(train=data.train[2:])
+    with pytest.raises(ValueError, match="drawn out of other clips; name another"):
+        simulated(fewer, tmp_path, shared)
+
+
+def test_clips_for_which_there_is_no_room_are_not_begun(
+    data: DataSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = shutil.disk_usage(tmp_path)._replace(free=20_000)
+    monkeypatch.setattr(simulated_clips.shutil, "disk_usage", lambda place: full)
+    n = len(SCENE.garment.template)
+    needed = f"{24 * 3 * 7 * n / 1e9:.3g} GB"
+    with pytest.raises(
+        OSError, match=f"prepared frames take up to {needed} in .*; make room, or give simulation"
+    ):
+        simulated(data, tmp_path)
+    assert not (tmp_path / "clips").exists()
+
+
 def test_no_clip_that_can_be_learnt_from_is_refused(
     data: DataSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
