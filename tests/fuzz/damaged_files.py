@@ -117,6 +117,8 @@ def try_kind(
             write_good(source, kind)
         shutil.copytree(source, folder)
         if not (folder / name).is_file():
+            if needs:  # of those without a need USD alone may be missing
+                raise RuntimeError(f"{kind}: {source} holds no {name}")
             return counts, wrong
         good = (folder / name).read_bytes()
         if needs == "programs":
@@ -156,7 +158,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder for the files with which something was wrong")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        share_programs(Path(folder) / "programs")
+        share_programs(Path(folder) / "compiled")
         load(jax=any(KINDS[kind].needs for kind in options.kinds))
         _run_kinds(options, Path(folder))
 
