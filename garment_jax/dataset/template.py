@@ -59,7 +59,6 @@ class ColumnTables(NamedTuple):
 
     frames: np.ndarray  # [a, 3, 3] rows: outward, around the body, up; root frame -> the column's own
     anchors: np.ndarray  # [a, p] weights of the pins that carry a column; rows sum to 1
-    axis: np.ndarray  # [3] from the anchors' mean to the vertical about which the sectors lie
     centre: np.ndarray  # [a, 3] canonical anchors less their mean, in the columns' frames
     rest: np.ndarray  # [a, h, 3] the template's cells, from their anchors, in the columns' frames
     typical: np.ndarray  # [h, 3] their mean over the columns

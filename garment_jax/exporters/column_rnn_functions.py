@@ -144,7 +144,7 @@ def _around(scene: Scene, ring: ColumnTables, rotations: jax.Array) -> tuple[jax
     points = pose_carried(carried, scene.body, rotations)
     p = len(carried.pins)
     anchor = jnp.asarray(ring.anchors.astype(np.float32)) @ points[:p]
-    return anchor, _radius(points[p:] - anchor.mean(axis=0, keepdims=True) - ring.axis[None], ring)
+    return anchor, _radius(points[p:] - anchor.mean(axis=0, keepdims=True), ring)
 
 
 def _radius(points: jax.Array, ring: ColumnTables) -> jax.Array:

@@ -13,7 +13,7 @@ SHORTEST_CLIP, LONGEST_CLIP = 112, 350  # frames
 STAGES = {
     "generative": (0.12, 60, 3_000),
     "warm_up": (0.20, 120, 12_000),
-    "motion": (0.13, 6, 600),
+    "motion": (0.13, 6, 3_000),
     "detail": (0.08, 40, 3_000),
     "column_rnn": (0.47, 60, 20_000),
 }

@@ -167,11 +167,13 @@ class _Work:
 
     def _clips(self, jobs: list[Job]) -> tuple[list[Path], float | None]:
         """Return the files of the clips that pass, and a frame's seconds, where any was made now."""
-        given = self.given
+        given, left_out = self.given, self.file.plan.left_out
+        jobs = [job for job in jobs if job.name not in left_out]
         outcomes = simulate_clips(
             given.scene, jobs, self.work / CLIPS, given.cloth, flat=given.flat, workers=self.wanted.workers,
             progress=lambda text: self.say(f"{text}; {self.left()}"),
         )  # fmt: skip
+        self.file.decide(left_out=[*left_out, *(o.job for o in outcomes if o.path is None)])
         start = given.cloth.blend + given.cloth.hold + 1
         made = [
             (o.seconds, len(j.motion.root) + start) for o, j in zip(outcomes, jobs, strict=True) if o.seconds

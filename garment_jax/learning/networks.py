@@ -9,7 +9,7 @@ from garment_jax.body.mirror import mirror_motion
 from garment_jax.config import BodyConfig, Config, from_dict
 from garment_jax.geometry.symmetry import mirror_permutation
 from garment_jax.learning.budget import STAGES
-from garment_jax.model.column_rnn.tables import hangs_on_pins
+from garment_jax.model.column_rnn.tables import has_ring
 from garment_jax.structs import Motion, RiggedBody, Scene
 
 SMALL = 1_500  # vertices up to which the networks are those of configs/demo.toml, else configs/skirt.toml
@@ -56,8 +56,8 @@ _FEW_COLUMNS = {"lanes": 8, "layers": 0}  # in few minutes many windows of few l
 
 
 def stages_of(scene: Scene) -> tuple[str, ...]:
-    """Return the stages that are trained; the column RNN where every part of the garment hangs on a pin."""
-    return tuple(name for name in STAGES if name != "column_rnn" or hangs_on_pins(scene))
+    """Return the stages that are trained; the column RNN where the garment hangs on a ring of pins."""
+    return tuple(name for name in STAGES if name != "column_rnn" or has_ring(scene))
 
 
 def config_for(scene: Scene, steps: Mapping[str, int], *, seconds: float, seed: int) -> Config:

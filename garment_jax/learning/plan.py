@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ class Plan(NamedTuple):
     seconds_per_frame: float | None = None  # of one simulating process
     kept_back: int | None = None  # frames
     frames: int | None = None  # to learn from
+    left_out: Sequence[str] = ()  # clips that failed the screening, so that none is simulated again
     seconds_per_step: Mapping[str, float] | None = None
     overhead_seconds: float | None = None  # of training, beside its steps
     steps: Mapping[str, int] | None = None

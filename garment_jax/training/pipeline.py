@@ -28,7 +28,7 @@ def train(
     go together, and `OSError` where another process trains there.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
-    from garment_jax.model.column_rnn.tables import hangs_on_pins, make_column_tables
+    from garment_jax.model.column_rnn.tables import has_ring, make_column_tables
     from garment_jax.training.column_rnn_stage import train_column_rnn
     from garment_jax.training.detail_stage import train_detail
     from garment_jax.training.generative_stage import train_generative
@@ -71,10 +71,10 @@ def train(
                     if last >= 2 and config.detail.steps:
                         train_detail(run, generative, motion)
             if last >= 3 and config.column_rnn.steps:
-                if stage == "column_rnn" or hangs_on_pins(run.data.scene):
+                if stage == "column_rnn" or has_ring(run.data.scene):
                     train_column_rnn(run)
                 else:
-                    say("column_rnn: left out, since parts of this garment hang on no pin")
+                    say("column_rnn: left out, since this garment hangs on no ring of pins")
     return run.folder
 
 

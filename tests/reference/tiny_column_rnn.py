@@ -13,7 +13,7 @@ from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import init_column_rnn
 from garment_jax.model.column_rnn.tables import make_column_tables
 from garment_jax.model.store import Model
-from garment_jax.structs import ColumnFrame, Motion, Scene
+from garment_jax.structs import ColumnFrame, Motion
 from tests.animation.tiny_model import SCENE, drawn, tiny_model
 from tests.reference.scene import make_motion
 
@@ -26,15 +26,6 @@ COLUMNS = ColumnRnnConfig(
 def tables() -> ColumnTables:
     """Return the static tables."""
     return make_column_tables(SCENE, config=COLUMNS)
-
-
-@lru_cache(maxsize=1)
-def hung_behind() -> Scene:
-    """Return the scene with no pins but those behind the body, nearly in a line, as a cape has them."""
-    pins = SCENE.garment.template[SCENE.pins.vertices]
-    behind = np.argsort(pins[:, 2])[:3]
-    pins = SCENE.pins._replace(vertices=SCENE.pins.vertices[behind], weights=SCENE.pins.weights[behind])
-    return SCENE._replace(pins=pins)
 
 
 @lru_cache(maxsize=1)

@@ -51,7 +51,7 @@ def _seen(motion: Motion, scene: Scene, tables: ColumnTables, frames: slice) -> 
     changed = moved - carried(moved)
     moved[0], changed[:2] = (0.0, 0.0) if first == 0 else (moved[0], changed[:2])
     centre = anchor.mean(axis=1, keepdims=True)
-    radius = _radius(posed.collider - centre - tables.axis, tables)
+    radius = _radius(posed.collider - centre, tables)
     way = local(moved)
     seen = np.concatenate(
         [
@@ -76,7 +76,7 @@ def _seen(motion: Motion, scene: Scene, tables: ColumnTables, frames: slice) -> 
 def _radius(points: np.ndarray, tables: ColumnTables) -> np.ndarray:
     """Return how far the body reaches from the axis in each sector and level, `[t, a, LEVELS]` metres.
 
-    `points` `[t, q, 3]` are given from the axis, at the anchors' height; 0 where there is none of them.
+    `points` `[t, q, 3]` are given from the anchors' centre; 0 where there is none of them.
     """
     t, q, a = *points.shape[:2], len(tables.frames)
     if not q:

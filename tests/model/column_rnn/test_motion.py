@@ -13,21 +13,21 @@ from garment_jax.model.column_rnn.motion import (
     USUAL_RADIUS,
     column_frames,
 )
-from garment_jax.model.column_rnn.tables import LEVELS, make_column_tables
+from garment_jax.model.column_rnn.tables import LEVELS
 from garment_jax.structs import Motion
 from tests.animation.tiny_model import SCENE
-from tests.reference.tiny_column_rnn import COLUMNS, hung_behind, motion, tables
+from tests.reference.tiny_column_rnn import COLUMNS, motion, tables
 
 N = 12
 MOTION = motion(N)
 FRAMES = column_frames(MOTION, SCENE, tables())
 
 
-def in_world(motion: Motion = MOTION) -> tuple[np.ndarray, np.ndarray]:
-    """Return the anchors and the collider's points of a motion, world frame."""
-    posed = pose_carried(carried_points(SCENE, collider=True), SCENE, motion, slice(0, len(motion.root)))
-    yaw = heading(motion.rotations[:, 0])
-    pins, points = (from_root(x, motion.root, yaw) for x in (posed.pins, posed.collider))
+def in_world() -> tuple[np.ndarray, np.ndarray]:
+    """Return the anchors and the collider's points of the tiny motion, world frame."""
+    posed = pose_carried(carried_points(SCENE, collider=True), SCENE, MOTION, slice(0, N))
+    yaw = heading(MOTION.rotations[:, 0])
+    pins, points = (from_root(x, MOTION.root, yaw) for x in (posed.pins, posed.collider))
     return np.einsum("ap,tpi->tai", tables().anchors, pins), points
 
 
@@ -66,29 +66,6 @@ def test_the_radius_is_that_of_the_farthest_point_of_a_sector():
     assert wanted.max() > 0.1
 
 
-def test_pins_in_a_line_are_seen_from_the_root_joint():
-    """Of a cape the axis is the body's: through the root joint, wherever it stands and looks."""
-    scene = hung_behind()
-    made = make_column_tables(scene, config=COLUMNS)
-    t = 5
-    still = Motion(MOTION.rotations[t : t + 1].copy(), MOTION.root[t : t + 1], 30.0)
-    still.rotations[:] = axes(t)[0][[1, 2, 0]].T  # the canonical pose, turned to where the body looks
-    _, points = in_world(still)
-    from_axis = points[0] - still.root[0]
-    outward, height = axes(t)[:, 0], SCENE.garment.template[scene.pins.vertices, 1].mean()
-    down = height - SCENE.body.joints[0, 1] - from_axis[:, 1]
-    wanted = np.zeros((COLUMNS.columns, LEVELS))
-    for p, below in zip(from_axis, down, strict=True):
-        level = int((made.levels[0] + below) // (made.levels[0] - made.levels[1]))
-        if 0 <= level < LEVELS:
-            k = int((outward @ p).argmax())
-            wanted[k, level] = max(wanted[k, level], min(np.hypot(p[0], p[2]), made.farthest))
-    seen = column_frames(still, scene, made).seen[0, :, 9 : 9 + LEVELS] * RADIUS + USUAL_RADIUS
-    assert (np.abs(seen - wanted) < 1e-4).mean() > 0.97
-    assert np.linalg.norm(made.axis) > 0.05
-    np.testing.assert_array_equal(tables().axis, 0.0)
-
-
 def test_pieces_are_the_whole_and_nothing_comes_from_the_future():
     for cut in (slice(0, 1), slice(1, 4), slice(2, 9), slice(5, N)):
         piece = column_frames(MOTION, SCENE, tables(), cut)
@@ -121,6 +98,8 @@ def test_a_leap_is_held_within_bounds():
 
 
 def test_without_a_collider_no_body_is_seen():
+    from garment_jax.model.column_rnn.tables import make_column_tables
+
     bare = SCENE._replace(collider=None)
     seen = column_frames(MOTION, bare, make_column_tables(bare, config=COLUMNS)).seen
     np.testing.assert_allclose(seen[..., 9 : 9 + LEVELS], -USUAL_RADIUS / RADIUS, atol=1e-6)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from garment_jax.config import ColumnRnnConfig
 from garment_jax.model.column_rnn.network import cells_of, corrected
 from garment_jax.model.column_rnn.tables import make_column_tables, sector
-from garment_jax.procedural.scene import make_scene
 from tests.animation.tiny_model import SCENE
 from tests.reference.tiny_column_rnn import COLUMNS, tables
 
@@ -118,21 +116,6 @@ def test_a_garment_that_is_open_has_empty_columns():
     assert open_tables.filled[A // 2].all()
     assert np.isfinite(open_tables.rest).all()
     assert (open_tables.share[open_tables.filled == 0] < 1e-3).all()
-
-
-def test_a_cape_has_its_columns_side_by_side_along_its_pins():
-    """About the pins' own mean nearly all of a cape lies in the two sectors along their line."""
-    cape = make_scene("cape", vertices=300)
-    made = make_column_tables(cape, config=ColumnRnnConfig())
-    held = np.flatnonzero(made.filled.all(axis=1))
-    assert 8 <= len(held) < 20
-    assert (np.diff(held) == 1).all()
-    template = cape.garment.template.astype(np.float64)
-    across = made.down.weight[..., None] * template[made.down.index]
-    cells = across.sum(axis=1).reshape(*made.filled.shape, 3)[held]
-    assert (np.abs(np.diff(cells[..., 0], axis=0)) > 0.005).all()
-    assert (np.diff(np.sign(np.diff(cells[..., 0], axis=0)), axis=0) == 0).all()  # from one side to the other
-    assert made.share[held].sum() > 0.95
 
 
 def test_a_part_without_pins_is_refused():
