@@ -75,7 +75,7 @@ def error_table(records: Records, settings: dict) -> Table:
         f"Plain means over {len(records.clips)} test clips, whole rollouts from the skinned template (rows "
         "that encode the truth: reconstructions). ± is the standard deviation over seeds. "
         f"STED: one-ring, window {settings['sted_window_frames']} frames, c = {settings['sted_c']:g}. "
-        f"Hausdorff, inside and deepest on every {settings['every']}. frame; inside = more than "
+        f"Hausdorff, inside and deepest on one frame in {settings['every']}; inside = more than "
         f"{settings['penetration_tolerance_mm']:g} mm deep; deepest: mean over clips of the clip's deepest."
     )
     return Table("Errors", head, rows, note)

@@ -18,7 +18,7 @@ def mirror_motion(motion: Motion, body: RiggedBody) -> Motion:
     if error > 0.01:
         raise ValueError(
             f"the skeleton is not left-right symmetric (joints differ by {error * 100:.1f} cm); "
-            "set data.mirror = false."
+            "set data.mirror = false (--data.mirror false)."
         )
     rotations = motion.rotations[:, partner] * FLIP[:, None] * FLIP[None, :]
     return Motion(rotations, motion.root * FLIP, motion.fps)
@@ -32,5 +32,7 @@ def joint_partners(body: RiggedBody) -> list[int]:
 def _partner(name: str, body: RiggedBody) -> int:
     swapped = name.replace("Left", "\0").replace("Right", "Left").replace("\0", "Right")
     if swapped not in body.joint_names:
-        raise ValueError(f"joint {name!r} has no partner {swapped!r}; set data.mirror = false.")
+        raise ValueError(
+            f"joint {name!r} has no partner {swapped!r}; set data.mirror = false (--data.mirror false)."
+        )
     return body.joint_names.index(swapped)

@@ -10,7 +10,7 @@ from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax export pred.h5 --out pred.usdc
   garment-jax export pred.h5 --format pc2
-  garment-jax export models/skirt --format onnx --clip walk.h5 --out step.onnx"""
+  garment-jax export skirt --format onnx --out step.onnx"""
 
 
 ENDINGS = {"usd": ".usdc", "obj": "_obj"}  # of a name that is made here; of others the format's own
@@ -25,7 +25,7 @@ def add(commands) -> None:
         does="write a sequence for other programs, or a model as ONNX",
         examples=EXAMPLES,
     )
-    parser.add_argument("source", type=Path, help="sequence file (for onnx: a run or a model folder)")
+    parser.add_argument("source", type=Path, help="sequence file (for onnx: a model, its name, or a run)")
     parser.add_argument(
         "--out",
         type=Path,
@@ -48,7 +48,9 @@ def add(commands) -> None:
     parser.add_argument(
         "--blender", help="abc: a blender executable, or a Python with bpy (or GARMENT_JAX_BLENDER)"
     )
-    parser.add_argument("--clip", type=Path, help="onnx: any sequence file of the model's garment")
+    parser.add_argument(
+        "--clip", type=Path, help="onnx: a sequence file of the garment (default: the model's sample)"
+    )
     parser.add_argument("--no-detail", action="store_true", help="onnx: without the detail network")
     parser.set_defaults(run=run)
 
@@ -102,14 +104,19 @@ def _run_onnx(options: argparse.Namespace, given: dict) -> None:
         said = ["no-body" if name == "body" else name.replace("_", "-") for name in given]
         names = ", ".join(f"--{name}" for name in said)
         raise ValueError(f"{names}: for sequences, not for --format onnx; leave out.")
-    if options.clip is None:
-        raise ValueError(
-            "--format onnx needs --clip: any sequence file of the garment that the model animates."
-        )
     from garment_jax.exporters.onnx_step import export_step
+    from garment_jax.model.scene_file import SCENE
+    from garment_jax.model.shipped import find_model
 
-    facts = export_step(
-        options.source, options.out, clip=options.clip, detail=not options.no_detail, force=options.force
-    )
+    source = find_model(options.source)
+    clip = options.clip or source / SCENE
+    if not clip.is_file():
+        raise ValueError(
+            f"{clip} is not there, so --format onnx needs --clip: any sequence file of the garment that the "
+            "model animates."
+        )
+    facts = export_step(source, options.out, clip=clip, detail=not options.no_detail, force=options.force)
+    for name, file in facts.pop("files").items():
+        print(f"{name}: {file['megabytes']:.3g} MB, {file['nodes']} nodes")
     for name, value in facts.items():
-        print(f"{name}: {value}")
+        print(f"{name.replace('_', ' ')}: {value:.3g}" if name.endswith("_departure") else f"{name}: {value}")

@@ -17,7 +17,9 @@ def add(commands) -> None:
     parser = add_command(
         commands, "info", does="say what is in a sequence file, a run or a model", examples=EXAMPLES
     )
-    parser.add_argument("paths", nargs="+", type=Path, help="sequence files, run or model folders")
+    parser.add_argument(
+        "paths", nargs="+", type=Path, help="sequence files, run or model folders, models' names"
+    )
     parser.add_argument("--json", action="store_true", help="machine-readable, one object per path")
     parser.add_argument("--all", action="store_true", help="every fact, not ten lines")
     parser.set_defaults(run=run)
@@ -28,11 +30,13 @@ def run(options: argparse.Namespace) -> int:
     from garment_jax.io.brief import brief_description
     from garment_jax.io.formats.damage import reading
     from garment_jax.io.info import format_description
+    from garment_jax.model.shipped import shipped_models
 
     show = format_description if options.all else brief_description
 
     facts, refused = {}, False
-    for path in options.paths:
+    for given in options.paths:
+        path = given if given.exists() else shipped_models().get(str(given), given)
         try:
             with reading(path):
                 found = facts[str(path)] = _describe(path)

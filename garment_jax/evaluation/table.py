@@ -74,8 +74,8 @@ def _cell(value: float | None, form: str) -> str:
 def _footnote(settings: dict[str, Any]) -> str:
     return (
         f"\nSTED over the {settings['sted_neighbourhood']}, window {settings['sted_window_frames']} frames, "
-        f"c = {settings['sted_c']:g}. Hausdorff, inside, deepest and self-intersections on every "
-        f"{settings['every']}. frame; inside = more than {settings['penetration_tolerance_mm']:g} mm deep; "
+        f"c = {settings['sted_c']:g}. Hausdorff, inside, deepest and self-intersections on one frame in "
+        f"{settings['every']}; inside = more than {settings['penetration_tolerance_mm']:g} mm deep; "
         "pinched = those of them where the collider crosses itself; "
         "pierced = a limb runs through the cloth.\n"
     )

@@ -23,7 +23,7 @@ def mirror_permutation(garment: Garment) -> np.ndarray:
             return permutation
     raise ValueError(
         f"the garment is not left-right symmetric (vertices lie {min(mismatch) * 100:.1f} cm in the mean "
-        "from their mirror partners, or two share one); set data.mirror = false."
+        "from their mirror partners, or two share one); set data.mirror = false (--data.mirror false)."
     )
 
 

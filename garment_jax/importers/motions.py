@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from garment_jax.body.bvh import read_bvh
 from garment_jax.body.retarget import retarget, source_rate
 from garment_jax.body.skeleton_track import SkeletonTrack
+from garment_jax.importers.jumps import leading_frames, track_speeds
 from garment_jax.importers.units import metres_per_unit, settle_unit
 from garment_jax.io.formats.aist import is_aist, read_aist
 from garment_jax.io.formats.amass import is_amass, read_amass
@@ -110,6 +111,9 @@ def read_motion(
     rate = found.rate if source_fps is None else source_fps
     if rate is None:
         raise ValueError(f"{path}: the file does not say its frame rate; give --source-fps, for example 30.")
+    begins = leading_frames(track_speeds(found.track, rate)[skip:])
+    if begins:
+        say(f"{path}: it jumps out of a rest pose; --skip {skip + begins} leaves that out")
     try:
         return retarget(
             found.track,

@@ -95,7 +95,7 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
     if missing:
         raise ValueError(
             f"{name}: the body has no joint {', '.join(missing)}; it has {', '.join(body.joint_names)}: "
-            "rename its joints or change body.motion_joints (all: every joint but the root)."
+            "rename its joints or give --body.motion_joints all: every joint but the root."
         )
 
 

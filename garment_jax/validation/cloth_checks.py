@@ -5,8 +5,9 @@ import numpy as np
 from garment_jax.body.frame_windows import stretches
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.importers.finding import Finding
+from garment_jax.importers.jumps import jump_frames
 from garment_jax.validation.raw_clip import RawClip
-from garment_jax.validation.track_checks import jump_frames, longest_run
+from garment_jax.validation.track_checks import longest_run
 from garment_jax.validation.vertex_scan import Scan, scan_clip
 
 STRAIN = 0.25  # absolute relative change of edges, of 99 in 100: beyond it is no cloth

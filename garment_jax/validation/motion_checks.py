@@ -15,6 +15,7 @@ from garment_jax.body.retarget import settle_world
 from garment_jax.body.skeleton_track import SkeletonTrack, world_positions
 from garment_jax.body.up_axis import axis_name, leg_length
 from garment_jax.importers.finding import Finding
+from garment_jax.importers.jumps import PERSON
 from garment_jax.validation.body_checks import likely_units
 from garment_jax.validation.point_checks import check_points
 from garment_jax.validation.track_checks import check_track
@@ -23,7 +24,6 @@ from garment_jax.validation.track_checks import check_track
 HEADER_USUAL = (
     0.95  # metres per second, the joints' median; 12 dances of a data base reach 0.72 at true rates
 )
-PERSON = 1.6  # metres that a skeleton is taken to be high
 PERSON_LEGS = 1.0  # a person's height over the length of both legs, about
 _SIDES = "name left and right joints as the knees bend and the toes point"
 _LIMB = 0.25  # metres: what a joint's own turn moves, where there is no skeleton

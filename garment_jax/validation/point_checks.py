@@ -6,11 +6,12 @@ import numpy as np
 
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.importers.finding import Finding
+from garment_jax.importers.jumps import jump_frames
 from garment_jax.io.validation import FARTHEST
 from garment_jax.validation.body_checks import LARGEST, SMALLEST
 from garment_jax.validation.cloth_checks import FAST, SCRAMBLED, STATIC, STRAIN
 from garment_jax.validation.conventions import edge_lengths, edge_ratio
-from garment_jax.validation.track_checks import jump_frames, longest_run, trailing_frames
+from garment_jax.validation.track_checks import longest_run, trailing_frames
 
 WINDOW = 64  # frames in memory at once
 _SIZES = {

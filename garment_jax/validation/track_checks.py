@@ -3,13 +3,11 @@
 import numpy as np
 
 from garment_jax.importers.finding import Finding, Repair
+from garment_jax.importers.jumps import jump_frames, leading_frames
 
 STILL = 1e-5  # metres a frame: no point moved
 STATIC = 1e-3  # metres over a whole clip
-LEADING = 15  # frames at the beginning in which a rest pose may stand
-FAST_START, FAST = 8.0, 20.0  # metres per second: a jump out of a rest pose; a jump anywhere
-_TIMES = 6.0  # a jump is this many times faster than the frames around it
-_AROUND = 15  # frames on each side that a jump is compared with
+FAST = 20.0  # metres per second: a jump anywhere
 SLOW, USUAL, TOO_FAST = 0.02, 1.6, 2.5  # metres per second, of the joints' median speed
 
 
@@ -54,20 +52,6 @@ def held_frames(step: np.ndarray) -> int:
     return common if 2 <= common <= 8 and (gaps % common == 0).mean() > 0.95 else 1
 
 
-def leading_frames(speed: np.ndarray) -> int:
-    """Return how many frames at the beginning belong to a rest pose and the jump out of it, 0 for none.
-
-    `speed` `[t - 1]` in metres per second, the fastest joint's. The cut is at the last jump, whose steps are
-    faster than people and than the frames around them: a motion that begins briskly after it stays whole.
-    """
-    begin, after = speed[:LEADING], speed[LEADING : 3 * LEADING]
-    if len(after) < LEADING or begin.max() < _TIMES * np.median(after):
-        return 0
-    found = jump_frames(speed[: 3 * LEADING], FAST_START)
-    early = found[found < LEADING]
-    return int(early[-1]) + 1 if len(early) else 0
-
-
 def trailing_frames(step: np.ndarray) -> int:
     """Return how many frames at the end repeat the one before them; `step` `[t - 1]`."""
     moving = np.flatnonzero(step > STILL)
@@ -96,16 +80,9 @@ def _rest_pose(lead: int, step: np.ndarray, fps: float) -> Finding:
         f"a joint moves {step[first]:.2f} m in one frame ({step[first] * fps:.0f} m/s): a rest pose, a jump "
         "out of it",
         f"frame {first} to {first + 1}",
-        f"drop the first {frames} (--fix does; --skip of import and simulate counts the source's)",
+        f"drop the first {frames} (--fix does; --skip of animate, import and simulate counts the source's)",
         Repair("first", lead),
     )
-
-
-def jump_frames(speed: np.ndarray, limit: float) -> np.ndarray:
-    """Return the steps faster than `limit` and than the frames around them; `speed` `[t - 1]` m/s."""
-    fast = np.flatnonzero(speed > limit)
-    around = [np.median(speed[max(i - _AROUND, 0) : i + _AROUND + 1]) for i in fast]
-    return fast[speed[fast] > _TIMES * np.array(around)] if len(fast) else fast
 
 
 def _jumps(step: np.ndarray, fps: float, lead: int, held: int) -> Finding:

@@ -185,7 +185,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, clip: Path, format: str, monkeypa
         (["--out", "a.pc2", "--frame-offset", "99999999999"], "--frame-offset 99999999999 is out of range"),
         (["--out", "a.glb", "--frame-offset", "3"], "a GLB's time begins at 0"),
         (["--out", "a.glb", "--out-unit", "cm"], "glTF fixes metres"),
-        (["--out", "a.onnx"], "--format onnx needs --clip"),
+        (["--out", "a.onnx"], "clip.h5 is a file; name a model's folder"),
         (["--out", "a.onnx", "--up", "Z"], "--up: for sequences, not for --format onnx"),
         (["--out", "a.usd", "--clip", "b.h5"], "--clip and --no-detail are for --format onnx"),
     ],

@@ -28,7 +28,7 @@ COMPILING = 600  # seconds: clips of another length are animated by programs of 
 _NET = re.compile(r"is damaged: [A-Z]\w+ ")
 # what a command says on stderr beside a refusal: progress, a checkpoint passed over, a joint table to fill
 _SAID = re.compile(
-    r"error: |#|.* = \".*\"$|left out: |train: .* -> |prepare: |.*\d+ of \d+ |.*\d+/\d+ frames"
+    r"error: |#|.* = \".*\"$|left out: |(train|infer): .* -> |prepare: |.*\d+ of \d+ |.*\d+/\d+ frames"
     r"|.* is taken$|.* expect less there\.$|$"
 )
 

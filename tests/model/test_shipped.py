@@ -29,7 +29,7 @@ def test_every_shipped_model_is_whole_and_at_most_12_MB():
 
 def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    assert find_model("skirt") == ROOT / "models" / "skirt"
+    assert find_model("skirt") == find_model("models/skirt") == ROOT / "models" / "skirt"
     (tmp_path / "skirt").mkdir()
     assert find_model("skirt") == Path("skirt")  # one's own folder comes first
     with pytest.raises(FileNotFoundError, match=r"there is no model skrit; do you mean skirt\?"):

@@ -7,35 +7,11 @@ import pytest
 
 from garment_jax.body.bvh import read_bvh
 from garment_jax.validation.fixes import fix_file
-from garment_jax.validation.track_checks import check_track, leading_frames
+from garment_jax.validation.track_checks import check_track
+from tests.importers.test_jumps import speeds
 
 # the last jump of captures at 120 frames a second, found by eye in their joints' speeds
 JUMPS = {"indian_06": 3, "martial_04": 5, "salsa_16": 4}
-
-
-def speeds(*first: float, later: float = 1.5) -> np.ndarray:
-    """The fastest joint's speeds over 80 steps, m/s: `first`, then `later`."""
-    return np.concatenate([first, np.full(80 - len(first), later)])
-
-
-@pytest.mark.parametrize(
-    ("begin", "frames"),
-    [
-        ((107.0, *[4.7] * 7), 1),  # brisk after the jump: stays
-        ((0.0,) * 9 + (60.0,), 10),  # nine frames of rest pose
-        ((107.0, 0.0, 0.0, 90.0, 5.0), 4),  # two poses before the motion
-        ((60.0, 30.0, 20.0, 9.5, 7.0, 3.0), 4),  # a jump that a filter drew out
-        ((4.7,) * 8, 0),
-        ((7.9,), 0),  # as fast as people are
-        ((0.0,) * 15 + (60.0,), 0),  # no rest pose is that long
-    ],
-)
-def test_cut_is_at_the_last_jump(begin: tuple[float, ...], frames: int) -> None:
-    assert leading_frames(speeds(*begin)) == frames
-
-
-def test_fast_motion_throughout_is_no_rest_pose() -> None:
-    assert leading_frames(speeds(12.0, 11.0, 12.0, later=9.0)) == 0
 
 
 def test_finding_names_the_frames_and_the_jump() -> None:

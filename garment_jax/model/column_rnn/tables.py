@@ -30,8 +30,8 @@ def make_column_tables(
     garment, a, h = scene.garment, config.columns, config.rows
     if not has_ring(scene):
         raise ValueError(
-            "column_rnn.steps is for a garment whose every part hangs on pins around the body, and this one has "
-            "parts that hang on none, or pins in a line; set column_rnn.steps = 0."
+            "column_rnn.steps is for a garment whose every part hangs on pins around the body, and this one "
+            "has parts that hang on none, or pins in a line; set column_rnn.steps = 0."
         )
     seen = seen_body(scene) if seen is None else seen
     looked_at = Collider(seen.vertices, seen.cap_loop, np.zeros((0, 3), np.int32))

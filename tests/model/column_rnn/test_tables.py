@@ -7,7 +7,8 @@ import pytest
 from scipy.interpolate import BSpline
 
 from garment_jax.model.column_rnn.network import cells_of, corrected
-from garment_jax.model.column_rnn.tables import make_column_tables, sector
+from garment_jax.model.column_rnn.tables import has_ring, make_column_tables, sector
+from garment_jax.procedural.scene import make_scene
 from tests.animation.tiny_model import SCENE
 from tests.reference.tiny_column_rnn import COLUMNS, tables
 
@@ -119,8 +120,16 @@ def test_a_garment_that_is_open_has_empty_columns():
 
 
 def test_a_part_without_pins_is_refused():
-    with pytest.raises(ValueError, match=r"has parts that do not; set column_rnn\.steps = 0"):
+    with pytest.raises(ValueError, match=r"parts that hang on none, .*; set column_rnn\.steps = 0"):
         make_column_tables(SCENE._replace(pins=None), config=COLUMNS)
+
+
+def test_pins_in_a_line_are_no_ring():
+    """A cape's along the shoulders; a skirt's, a dress', and half a ring's are one."""
+    for garment, ring in (("cape", False), ("skirt", True), ("dress", True)):
+        assert has_ring(make_scene(garment, vertices=300)) is ring
+    with pytest.raises(ValueError, match="or pins in a line"):
+        make_column_tables(make_scene("cape", vertices=300), config=COLUMNS)
 
 
 @pytest.mark.parametrize("reach", [1.0, 1.5])
