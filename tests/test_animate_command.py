@@ -165,6 +165,17 @@ def test_a_height_or_unit_that_is_none_is_refused_before_the_work(model: str, he
     assert names(here) == ["walk.bvh"]
 
 
+def test_what_another_program_must_write_is_refused_before_the_work(
+    model: str, here: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.setattr("garment_jax.api.animating.infer_motion", None)
+    assert "nowhere is no program; install Blender" in refused(
+        [model, "--out", "a.abc", "--blender", "nowhere"], capsys
+    )
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    assert "pip install 'garment-jax[usd]'" in refused([model, "--out", "a.usdc"], capsys)
+
+
 def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys):
     monkeypatch.setattr("garment_jax.api.opened._explained", lambda *a: ["the plan"])
     assert main(["animate", model, "--plan"]) == 0

@@ -9,7 +9,7 @@ from garment_jax.progress import FrameProgress
 NEXT = {
     "html": "open it in a browser",
     "glb": "import it in Blender, Unity or Unreal, or open it in a glTF viewer",
-    "usd": "open it in Houdini or usdview, or in Blender once its scene has the clip's frame rate",
+    "usd": "open it in Houdini or usdview, or in Blender with its scene at the clip's rate, such as 30 fps",
     "abc": "import it in Blender, Maya or Houdini",
     "pc2": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",
     "mdd": "import the .obj beside it and give it a point cache (in Blender: modifier Mesh Cache)",
@@ -35,7 +35,15 @@ class Shape(NamedTuple):
 
 
 def check_able(formats: set[str], shape: Shape) -> None:
-    """Raise `ValueError` for what cannot be written here, before the work is done."""
+    """Raise `ValueError` or `OSError` for what cannot be written here, before the work is done."""
+    if "abc" in formats:
+        from garment_jax.io.formats.blender import find_blender
+
+        find_blender(shape.blender)
+    if "usd" in formats:
+        from garment_jax.io.formats.usd_library import load_pxr
+
+        load_pxr()
     if "mp4" in formats:
         from garment_jax.evaluation.film import find_ffmpeg
 

@@ -49,7 +49,7 @@ def add(commands) -> None:
         "--blender", help="abc: a blender executable, or a Python with bpy (or GARMENT_JAX_BLENDER)"
     )
     parser.add_argument(
-        "--clip", type=Path, help="onnx: a sequence file of the garment (default: the model's sample)"
+        "--clip", type=Path, help="onnx: a sequence file of its garment (default: its sample)"
     )
     parser.add_argument("--no-detail", action="store_true", help="onnx: without the detail network")
     parser.set_defaults(run=run)

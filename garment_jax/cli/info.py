@@ -17,9 +17,7 @@ def add(commands) -> None:
     parser = add_command(
         commands, "info", does="say what is in a sequence file, a run or a model", examples=EXAMPLES
     )
-    parser.add_argument(
-        "paths", nargs="+", type=Path, help="sequence files, run or model folders, models' names"
-    )
+    parser.add_argument("paths", nargs="+", type=Path, help="sequence files, runs, models")
     parser.add_argument("--json", action="store_true", help="machine-readable, one object per path")
     parser.add_argument("--all", action="store_true", help="every fact, not ten lines")
     parser.set_defaults(run=run)
