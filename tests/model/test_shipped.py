@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_shipped_model_is_whole_and_at_most_12_MB():
-    assert set(shipped_models()) >= {"skirt", "dress", "circle_skirt"}
+    assert set(shipped_models()) >= {"skirt", "dress", "circle_skirt", "cape"}
     for folder in shipped_models().values():
         names = {path.name for path in folder.iterdir()}
         assert names >= {"scene.h5", "picture.png", "figures.json", "LICENSES.md"}, folder
