@@ -32,9 +32,9 @@ def run(options: argparse.Namespace) -> int:
 
     show = format_description if options.all else brief_description
 
-    facts, refused = {}, False
+    facts, refused, known = {}, False, shipped_models()
     for given in options.paths:
-        path = given if given.exists() else shipped_models().get(str(given), given)
+        path = given if given.exists() else known.get(str(given)) or given
         try:
             with reading(path):
                 found = facts[str(path)] = _describe(path)

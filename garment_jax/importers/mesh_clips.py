@@ -56,6 +56,7 @@ def mesh_sources(paths: Sequence[Path], options: Options) -> list[Source]:
 def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
     """Return the motion of each clip: the one of the same stem, or the only one of an only clip.
 
+    NAME_body, as `export` writes the body of NAME, is a motion of NAME where no other is.
     Raises `ValueError` for a clip that has none, or several.
     """
     if len(clips) == len(motions) == 1:
@@ -64,9 +65,10 @@ def pair_motions(clips: Sequence[Path], motions: Sequence[Path]) -> list[Path]:
     for motion in motions:
         by_stem.setdefault(motion.stem, []).append(motion)
     for clip in clips:
-        found = by_stem.get(clip.stem, [])
+        by_stem.setdefault(clip.stem, by_stem.get(f"{clip.stem}_body", []))
+        found = by_stem[clip.stem]
         if len(found) != 1:
-            have = ", ".join(sorted(by_stem))
+            have = ", ".join(sorted({motion.stem for motion in motions}))
             raise ValueError(
                 f"{clip} has {len(found)} motions named {clip.stem!r} among {have}; name each motion as its "
                 "clip."

@@ -11,6 +11,7 @@ import pytest
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.cli import main as garment_jax
+from garment_jax.importers.mesh_clips import pair_motions
 from garment_jax.importers.motions import read_motion
 from garment_jax.io.sequence import Sequence, open_sequence
 from tests.importers.glb_files import glb_parts, write_glb
@@ -222,6 +223,14 @@ def test_a_static_clip_is_left_out(case: Path, capsys):
     write_pc2(case / "walk.pc2", np.repeat(V[:1], FRAMES, axis=0))
     assert garment_jax(["import", "walk.pc2", *OWN, *BVH, "--out", "clips"]) == 2
     assert "walk.pc2 is static: no vertex moves in its 6 frames; leave it out." in capsys.readouterr().err
+
+
+def test_the_body_that_export_wrote_is_the_motion_of_its_clip() -> None:
+    clips = [Path("a/walk.pc2"), Path("a/run.pc2")]
+    motions = [Path("b/run_body.pc2"), Path("b/walk.bvh"), Path("b/walk_body.pc2")]
+    assert pair_motions(clips, motions) == [Path("b/walk.bvh"), Path("b/run_body.pc2")]
+    with pytest.raises(ValueError, match="has 0 motions named 'jump' among run_body, walk, walk_body;"):
+        pair_motions([Path("jump.pc2"), *clips], motions)
 
 
 def test_clips_are_paired_with_motions_by_name(case: Path, capsys):
