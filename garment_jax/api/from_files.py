@@ -135,10 +135,8 @@ def export(source: "LoadedModel | str | Path", out: str | Path, **options: Any) 
     """
     if isinstance(source, LoadedModel):
         from garment_jax.exporters.onnx_step import export_step
-        from garment_jax.model.scene_file import SCENE
 
-        folder = Path(source.opened.path)
-        return [Path(file) for file in export_step(folder, out, clip=folder / SCENE, **options)["files"]]
+        return [Path(file) for file in export_step(source.opened.path, out, **options)["files"]]
     from garment_jax.exporters.command import export_file
 
     return export_file(source, out, **options).files

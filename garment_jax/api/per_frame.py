@@ -138,7 +138,11 @@ def _networks(
 ) -> tuple[State, Float[Array, "n 3"], BodyFrame]:
     """Return the state with the networks' next, their garment (root frame), and what the body carries."""
     # Said while this is traced, so once for each thing that is compiled: a silent half minute looks broken.
-    print("compiling a frame's step, once on this machine", file=sys.stderr, flush=True)
+    print(
+        "preparing a frame's step, a minute where it was not compiled here before",
+        file=sys.stderr,
+        flush=True,
+    )
     scene, config = model.scene, model.config
     skeletons = (*skeleton, *state.skeleton)
     frame = frame_input(scene, config.body.motion_joints, model.fps, *skeletons)

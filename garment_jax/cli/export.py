@@ -105,17 +105,15 @@ def _run_onnx(options: argparse.Namespace, given: dict) -> None:
         names = ", ".join(f"--{name}" for name in said)
         raise ValueError(f"{names}: for sequences, not for --format onnx; leave out.")
     from garment_jax.exporters.onnx_step import export_step
-    from garment_jax.model.scene_file import SCENE
     from garment_jax.model.shipped import find_model
 
-    source = find_model(options.source)
-    clip = options.clip or source / SCENE
-    if not clip.is_file():
-        raise ValueError(
-            f"{clip} is not there, so --format onnx needs --clip: any sequence file of the garment that the "
-            "model animates."
-        )
-    facts = export_step(source, options.out, clip=clip, detail=not options.no_detail, force=options.force)
+    facts = export_step(
+        find_model(options.source),
+        options.out,
+        clip=options.clip,
+        detail=not options.no_detail,
+        force=options.force,
+    )
     for name, file in facts.pop("files").items():
         print(f"{name}: {file['megabytes']:.3g} MB, {file['nodes']} nodes")
     for name, value in facts.items():

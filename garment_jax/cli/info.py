@@ -28,13 +28,13 @@ def run(options: argparse.Namespace) -> int:
     from garment_jax.io.brief import brief_description
     from garment_jax.io.formats.damage import reading
     from garment_jax.io.info import format_description
-    from garment_jax.model.shipped import shipped_models
+    from garment_jax.model.shipped import shipped_model
 
     show = format_description if options.all else brief_description
 
-    facts, refused, known = {}, False, shipped_models()
+    facts, refused = {}, False
     for given in options.paths:
-        path = given if given.exists() else known.get(str(given)) or given
+        path = given if given.exists() else shipped_model(given) or given
         try:
             with reading(path):
                 found = facts[str(path)] = _describe(path)

@@ -27,6 +27,7 @@ from garment_jax.exporters.step_subject import (
     step_function,
 )
 from garment_jax.geometry.skinning import softmax_weights
+from garment_jax.model.scene_file import SCENE
 from garment_jax.postprocess.pins import follow, pin_extension
 from garment_jax.storage.overwriting import check_free
 from garment_jax.storage.whole import written_whole
@@ -50,8 +51,8 @@ def export_step(
 ) -> dict[str, Any]:
     """Write the step of a run or model as ONNX graphs: `out` and, beside it, what goes with it.
 
-    `clip` is any sequence file of the garment, needed because a model holds parameters alone: template,
-    faces, UVs and body are the clip's. `check` runs the graphs over its first frames and compares them with
+    `clip` is any sequence file of the garment, by default the model's own sample: template, faces, UVs and
+    body are the clip's. `check` runs the graphs over its first frames and compares them with
     JAX; `force` replaces graphs that are there. Returns the facts: files with megabytes and nodes, and what
     the check measured. Raises `ValueError`, `OSError` or `FileNotFoundError` for a model or clip that does
     not fit, an operator set that is not written here, a graph that departs from JAX by more than 0.1 mm, or a
@@ -61,9 +62,11 @@ def export_step(
     if out.suffix != ".onnx":
         raise ValueError(f"{out} does not end in .onnx; name the step's file so.")
     if clip is None:
-        raise ValueError(
-            f"{run_or_model} holds parameters but not the garment; name any sequence file of it with --clip."
-        )
+        clip = Path(run_or_model) / SCENE
+        if not clip.is_file():
+            raise ValueError(
+                f"{run_or_model} has no sample; name any sequence file of its garment with --clip."
+            )
     check_opset(opset)
     _need("onnx", *(["onnxruntime"] if check else []))
     for path in [out, *(out.with_suffix(f".{kind}.onnx") for kind in _BESIDE)]:

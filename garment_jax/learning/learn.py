@@ -217,13 +217,14 @@ class _Work:
 
     def _measured(self, test: Sequence[Path], clips: Sequence[Path]) -> Learnt:
         """Save the model, animate what was kept back, and write figures and picture."""
-        scene, plan = self.given.scene, self.file.plan
+        scene = self.given.scene
         with open_sequence(test[0]) as clip:
             sample = sample_of(clip)
         model = trained_model(self.work / RUN)
         save_model(model, self.out, sample=sample, picture=template_portrait(scene))
+        frames = sum(_frames_of(clip) for clip in clips)
         twice = " and their mirror images" if has_mirror_image(scene) else ""
-        trained_on = f"{len(clips)} clips simulated for it, about {plan.frames} frames{twice}"
+        trained_on = f"{len(clips)} clips simulated for it, {frames} frames{twice}"
         figures, pages = measure(
             self.out, test, self.work, command=self.wanted.command, trained_on=trained_on
         )
@@ -231,6 +232,11 @@ class _Work:
         return Learnt(
             self.out, mean_of(figures, "rmse_cm"), mean_of(figures, "skinned_template_rmse_cm"), pages
         )
+
+
+def _frames_of(clip: Path) -> int:
+    with open_sequence(clip) as sequence:
+        return sequence.frames
 
 
 def _planned(shares: Shares, taken: Mapping[str, float]) -> dict[str, float]:

@@ -20,18 +20,23 @@ def shipped_models() -> dict[str, Path]:
     return found
 
 
+def shipped_model(name: str | Path) -> Path | None:
+    """Return the folder of the shipped model NAME or models/NAME, as a checkout has it, or None."""
+    path = Path(name)
+    return shipped_models().get(path.name if path.parent == Path("models") else str(name))
+
+
 def find_model(model: str | Path) -> Path:
     """Return the folder of a model or run: `model` itself where it is one, else the shipped one of that name.
 
-    `models/NAME`, as a checkout has it, is the shipped NAME everywhere else.
     Raises `FileNotFoundError` for a name that nothing has, with the one that may be meant.
     """
     path, known = Path(model), shipped_models()
     if path.is_dir():
         return path
-    name = path.name if path.parent == Path("models") else str(model)
-    if name in known:
-        return known[name]
+    found = shipped_model(model)
+    if found is not None:
+        return found
     if path.exists():
         raise FileNotFoundError(f"{path} is a file; name a model's folder, or one of {', '.join(known)}.")
     near = difflib.get_close_matches(str(model), known, n=1)

@@ -21,14 +21,7 @@ from garment_jax.storage.whole import write_text
 from garment_jax.structs import Motion, Scene
 
 CLIPS, DRAWN = "clips", "drawn.json"  # inside a run
-_ASKED = (
-    "clips",
-    "kinds",
-    "longest",
-    "cloth",
-    "pattern",
-    "seed",
-)  # what clips hang on, beside the recorded ones
+_ASKED = ("clips", "kinds", "longest", "cloth", "pattern", "seed")  # what makes other clips
 # Bytes a vertex and frame: what a clip's file takes, and what prepared frames do (V and T_tilde, float32)
 PACKED, PREPARED = 6, 24
 
@@ -63,9 +56,8 @@ def make_simulated_clips(
     )
     jobs = [Job(f"drawn_{k:04d}", "train", motion) for k, motion in enumerate(motions, 1)]
     jobs = [job for job in jobs if job.name not in known.left_out]
-    _check_room(
-        sum(len(motion.root) for motion in motions) * data.scene.garment.template.shape[0], out, folder
-    )
+    missing = [job for job in jobs if not (out / job.split / f"{job.name}.h5").is_file()]
+    _check_room(sum(len(job.motion.root) for job in missing) * len(data.scene.garment.template), out, folder)
     say(f"simulating {len(jobs)} clips, {sum(len(job.motion.root) for job in jobs)} frames, into {out}")
     outcomes = simulate_clips(
         data.scene, jobs, out, settings,

@@ -111,4 +111,4 @@ def test_other_parameters_are_another_garment_and_compile_nothing(model, capsys)
     V = [step(m, state, frame)[1] for m in (model, half)]
     assert np.abs(V[0] - V[1]).max() > 1e-3
     assert step._cache_size() == 1  # type: ignore[attr-defined]
-    assert capsys.readouterr().err.count("compiling a frame's step, once on this machine") == 1
+    assert capsys.readouterr().err.count("preparing a frame's step, a minute") == 1

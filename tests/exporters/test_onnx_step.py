@@ -13,11 +13,13 @@ onnx = pytest.importorskip("onnx", reason="needs the extra onnx")
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 
 from garment_jax.body.root_frame import from_root  # noqa: E402
-from garment_jax.exporters import onnx_check  # noqa: E402
+from garment_jax.cli import main  # noqa: E402
+from garment_jax.exporters import onnx_check, onnx_step  # noqa: E402
 from garment_jax.exporters.onnx_check import open_graph  # noqa: E402
 from garment_jax.exporters.onnx_step import export_step  # noqa: E402
 from garment_jax.model.compose import init_state  # noqa: E402
 from garment_jax.model.scan import make_rollout  # noqa: E402
+from garment_jax.model.shipped import shipped_model  # noqa: E402
 from garment_jax.model.store import Model, model_input, save_model, skinned_template  # noqa: E402
 from garment_jax.postprocess.pins import attach, pin_extension  # noqa: E402
 from garment_jax.structs import Motion  # noqa: E402
@@ -221,7 +223,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(folder: Path):
     model, clip = folder / "tiny", folder / "clip.h5"
     with pytest.raises(ValueError, match=r"tiny.txt does not end in .onnx"):
         export_step(model, folder / "tiny.txt", clip=clip)
-    with pytest.raises(ValueError, match=r"not the garment; name any sequence file of it with --clip"):
+    with pytest.raises(ValueError, match="has no sample; name a sequence file of its garment with --clip"):
         export_step(model, folder / "a.onnx")
     with pytest.raises(ValueError, match="opset=9 is not supported"):
         export_step(model, folder / "a.onnx", clip=clip, opset=9)
@@ -233,6 +235,19 @@ def test_what_does_not_fit_is_refused_in_a_sentence(folder: Path):
     with pytest.raises(ValueError, match="96 vertices and the model was trained on 128"):
         export_step(model, folder / "a.onnx", clip=other)
     assert list(folder.glob("a*.onnx")) == []
+
+
+def test_a_model_by_its_name_is_exported_with_its_own_sample(folder: Path, monkeypatch, capsys):
+    asked = []
+    files = {"files": {"a.onnx": {"megabytes": 15.476, "nodes": 441}}, "opset": 17, "step_departure": 2.4e-7}
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(onnx_step, "export_step", lambda *a, **k: asked.append((a, k)) or dict(files))
+    assert main(["export", "cape", "--format", "onnx", "--out", "a.onnx"]) == 0
+    (source, out), options = asked[0]
+    assert (source, out, options["clip"]) == (shipped_model("cape"), Path("a.onnx"), None)
+    assert capsys.readouterr().out.splitlines() == [
+        "a.onnx: 15.5 MB, 441 nodes", "opset: 17", "step departure: 2.4e-07"
+    ]  # fmt: skip
 
 
 def test_a_missing_package_names_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch):

@@ -13,6 +13,7 @@ from garment_jax.learning.learn import Given, Learnt, Wanted
 from garment_jax.learning.motions import Recorded
 from garment_jax.model.shipped import find_model
 from garment_jax.model.store import load_model
+from garment_jax.simulation import clips
 from garment_jax.simulation.settings import ClothSettings
 from tests.animation.tiny_model import CONFIG, SCENE
 from tests.reference.scene import make_motion
@@ -59,6 +60,35 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Calibration(dict.fromkeys(budget.STAGES, 1.0), 5.0)
     monkeypatch.setattr(learn, "calibrate", lambda *_: found)
     monkeypatch.setattr(learn, "config_for", tiny_config)
+
+
+def test_what_the_screening_left_out_is_not_simulated_again(
+    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = Recorded({n: make_motion(SCENE, 24, seed=k, legs=0.1) for k, n in enumerate("abc")}, ["b"])
+    given, screened, simulated = Given(SCENE, None, CLOTH, source), [], []
+
+    def second_fails(*_: object) -> list[str]:
+        screened.append(1)
+        return ["strain"] if len(screened) == 2 else []
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    simulate = clips.simulate_many
+    monkeypatch.setattr(clips, "faults", second_fails)
+    monkeypatch.setattr(
+        clips, "simulate_many", lambda *a, **k: simulated.extend(a[1].values()) or simulate(*a, **k)
+    )
+    monkeypatch.setattr(learn, "train", stop)
+    monkeypatch.setattr(learn, "FEWEST_CLIPS", 1)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            learn.learn(given, tmp_path / "model", tmp_path / "work", Wanted(2.0), say=lambda _: None)
+        assert len(simulated) == len(screened) >= 3  # nothing anew the second time
+    left_out = json.loads((tmp_path / "work" / "plan.json").read_text())["left_out"]
+    assert left_out == [simulated[1].name]
+    assert not (tmp_path / "work" / "clips" / "train" / f"{left_out[0]}.h5").exists()
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from garment_jax.cli import main
 from garment_jax.model.scene_file import read_sample
-from garment_jax.model.shipped import find_model, shipped_models
+from garment_jax.model.shipped import find_model, shipped_model, shipped_models
 from garment_jax.model.store import load_model, template_for
 
 ROOT = Path(__file__).parents[2]
@@ -39,6 +39,15 @@ def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "file").write_text("")
     with pytest.raises(FileNotFoundError, match="file is a file; name a model's folder"):
         find_model("file")
+
+
+def test_what_a_checkout_calls_it_is_known_elsewhere(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert shipped_model("other/skirt") is shipped_model("skrit") is None
+    for name in ("cape", "models/cape"):
+        assert shipped_model(name) == ROOT / "models" / "cape"
+        assert main(["info", name]) == 0
+        assert "900 vertices at 30 fps" in capsys.readouterr().out
 
 
 def test_the_list_has_sizes_times_errors_and_pictures(capsys: pytest.CaptureFixture[str]):

@@ -54,10 +54,14 @@ def test_each_clip_is_what_it_is_alone(name: str, device: str, monkeypatch: pyte
             for start in (draped, shaken)
         )
         assert V.shape == alone.shape
-        # rounding, and what cloth makes of it: as much as of a tenth of a micrometre at the start
-        # (free cloth may part by more on some processors: never by half of its way)
-        allowed = min(30.0 * np.abs(again - alone).max(), 0.5 * np.abs(alone[-1] - alone[0]).max())
-        np.testing.assert_allclose(V, alone, atol=allowed)
+        # rounding, and what cloth makes of it: as much as of a tenth of a micrometre at the start; where that
+        # has become a millimetre (free cloth on some processors) nothing can be known any more
+        apart = np.maximum.accumulate(np.abs(again - alone).max(axis=(1, 2)))
+        known = apart < 1e-3
+        assert known.sum() >= 4
+        allowed = 30.0 * apart[known].max()
+        assert allowed < 0.5 * np.abs(alone[-1] - alone[0]).max()
+        np.testing.assert_allclose(V[known], alone[known], atol=allowed)
 
 
 @pytest.mark.parametrize("device", DEVICES)

@@ -89,8 +89,7 @@ def seen_body(scene: Scene) -> SeenBody:
 def has_ring(scene: Scene) -> bool:
     """Return whether every part of the garment hangs on pins that lie around something.
 
-    Pins in a line, as a cape's along the shoulders, are in two sectors: columns of it learnt the training
-    clips to 7 cm where the latents learn them to 2.
+    Pins in a line, as a cape's along the shoulders, are in two sectors about their mean.
     """
     if scene.pins is None or not len(scene.pins.vertices):
         return False
