@@ -175,6 +175,7 @@ def test_no_clip_that_can_be_learnt_from_is_refused(
             r"simulation\.kinds .danced turn=3. must begin with varied or",
         ),
         ({"device": "cuda:9"}, "the device cuda:9 is not there"),
+        ({"dir": __file__}, r"simulation\.dir .*\.py is a file; name a folder"),
         ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
     ],
 )
