@@ -15,10 +15,10 @@ from jaxtyping import Array, Bool, Int
 from garment_jax.dataset.lanes import LaneWindow
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.dataset.template import ColumnTables
+from garment_jax.farm.local import LocalFarm, in_order
 from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import cells_of
 from garment_jax.model.column_rnn.train_step import ColumnBatch
-from garment_jax.simulation.many import in_processes
 from garment_jax.structs import ColumnFrame
 
 CHUNK = 256  # frames of a clip whose cells are found at a time
@@ -39,9 +39,8 @@ def column_clips(
 ) -> list[ColumnClip]:
     """Return clips, mirror images among them, as the ring learns them."""
     # without all clips, for each of which it may go to another process
-    return in_processes(
-        partial(_column_clip, data=data._replace(train=[], validation=[]), tables=tables), clips, workers
-    )
+    cut = partial(_column_clip, data=data._replace(train=[], validation=[]), tables=tables)
+    return in_order(LocalFarm(workers), cut, clips)
 
 
 def _column_clip(clip: PreparedClip, *, data: DataSet, tables: ColumnTables) -> ColumnClip:

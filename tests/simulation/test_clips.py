@@ -234,10 +234,10 @@ def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):
 WORKER = """
 import multiprocessing, os, time
 from concurrent.futures import ProcessPoolExecutor
-from garment_jax.simulation.many import _end_with_parent
+from garment_jax.farm.local import end_with_parent
 if __name__ == "__main__":
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_end_with_parent) as pool:
+    with ProcessPoolExecutor(1, mp_context=context, initializer=end_with_parent) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
 """
