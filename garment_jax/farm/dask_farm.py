@@ -13,6 +13,7 @@ import os
 import re
 import sys
 import time
+import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,7 +22,6 @@ from typing import Any
 from garment_jax.farm.work import K, Attempt, Outcome, Work, attempt, pickled_work
 
 CONNECT = 15.0  # seconds until a scheduler has answered, and a first worker is there
-AHEAD = 1  # jobs that wait at a worker beside the one it does
 _LOOK = 2.0  # seconds between looks at the workers, while no job is done
 _SAY = 30.0  # seconds between lines that say that there is no worker
 
@@ -75,21 +75,31 @@ class DaskFarm:
 
         pickled = pickled_work(work)
         name = hashlib.sha256(pickled).hexdigest()[:16]
-        shared = self._client.submit(bytes, pickled, pure=False)  # no scattered data: it can be made again
-        waiting, running, heard = deque(jobs), {}, time.monotonic()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph")  # once, a few megabytes
+            # not scattered: what a lost worker held is made again
+            shared = self._client.submit(bytes, pickled, pure=False)
+        waiting, suspects, running, heard = deque(jobs), set(), {}, time.monotonic()
         try:
             while waiting or running:
                 places = self._places()
-                while waiting and len(running) < places:
+                heard = self._heard(places, heard)
+                while waiting and len(running) < (1 if waiting[0] in suspects else places):
                     key = waiting.popleft()
                     running[self._client.submit(attempt, name, shared, jobs[key], pure=False)] = key
-                try:
+                done = []
+                if not running:
+                    time.sleep(_LOOK)
+                    continue
+                with contextlib.suppress(TimeoutError), self._client.as_current():
                     done = wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED").done
-                except TimeoutError:
-                    done = []
                 for future in done:
-                    yield running.pop(future), self._outcome(future)
-                heard = self._check_alive(heard, places)
+                    key = running.pop(future)
+                    if _killed(future) and key not in suspects and len(jobs) > 1:
+                        suspects.add(key)  # perhaps of another job's doing: once more at the end, alone
+                        waiting.append(key)
+                    else:
+                        yield key, self._outcome(future)
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel([*running, shared])
@@ -106,24 +116,24 @@ class DaskFarm:
         return len(threads)
 
     def _places(self) -> int:
-        """Return how many jobs may be on their way; one at least, which waits for a worker to come."""
+        """Return how many workers there are now: some may have come, others are lost."""
         try:
-            return max(len(self._client.nthreads()) * (1 + AHEAD), 1)
+            if self._client.status == "running":
+                return len(self._client.nthreads())
         except Exception as error:
             raise self._lost() from error
+        raise self._lost()
 
-    def _check_alive(self, heard: float, places: int) -> float:
-        """Raise `OSError` where the scheduler is gone; say it where no worker is left."""
-        if self._client.status != "running":
-            raise self._lost()
-        if places > 1 or time.monotonic() - heard < _SAY:
+    def _heard(self, places: int, heard: float) -> float:
+        """Return when a worker was heard of; say it now and then where none is left."""
+        if places:
+            return time.monotonic()
+        if time.monotonic() - heard < _SAY:
             return heard
         _say(f"no worker is left at {self._address}; waiting for one (Ctrl-C ends, the same command goes on)")
         return time.monotonic()
 
     def _outcome(self, future: Any) -> Outcome:
-        from distributed import KilledWorker
-
         if future.status == "finished":
             done: Attempt = future.result()
             if done.unable:
@@ -131,10 +141,9 @@ class DaskFarm:
             return done.outcome
         if future.status != "error":  # cancelled: by another client, or with the scheduler
             raise self._lost()
+        if _killed(future):
+            return Outcome(None, "its workers were killed, several in turn; give them more memory.")
         error = future.exception()
-        if isinstance(error, KilledWorker):
-            times = error.allowed_failures + 1
-            return Outcome(None, f"{times} workers were lost with it; give them more memory.")
         said = " ".join(str(error).split())[:200]
         raise ValueError(
             f"a worker of {self._address} can do no job ({type(error).__name__}: {said}); install "
@@ -143,6 +152,12 @@ class DaskFarm:
 
     def _lost(self) -> OSError:
         return OSError(f"the scheduler {self._address} was lost; start it again: the same command goes on.")
+
+
+def _killed(future: Any) -> bool:
+    from distributed import KilledWorker
+
+    return future.status == "error" and isinstance(future.exception(), KilledWorker)
 
 
 def scheduler_address(where: str) -> str:
