@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from garment_jax.animation.animate import make_animator
+from garment_jax.api.animated import RECORDS
 from garment_jax.cli import animate, main
 from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.model.scene_file import Sample, sample_of, write_sample
@@ -50,7 +51,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir() if path.name != RECORDS)
 
 
 def vertices(path: Path) -> np.ndarray:

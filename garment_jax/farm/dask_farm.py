@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from garment_jax.farm.work import K, Attempt, Outcome, Work, attempt, pickled_work
+from garment_jax.farm.work import Attempt, K, Outcome, Work, attempt, pickled_work
 
 CONNECT = 15.0  # seconds until a scheduler has answered, and a first worker is there
 _LOOK = 2.0  # seconds between looks at the workers, while no job is done

@@ -86,8 +86,9 @@ def simulate_clips(
     is simulated. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. On a
     CPU each worker of `farm` (`workers` processes) simulates a clip; on another `device` `at_once` clips are
     simulated side by side (`SideBySide`). A clip that fails, or fails the screening, is named, with the
-    reason, and no file is left. `progress` gets a line for every clip; frames are counted on stderr. Raises `ValueError` or `OSError` before anything is simulated for what could not be simulated or
-    written, and for a file of a clip's name that must not be replaced.
+    reason, and no file is left. `progress` gets a line for every clip; frames are counted on stderr. Raises
+    `ValueError` or `OSError` before anything is simulated for what could not be simulated or written, and
+    for a file of a clip's name that must not be replaced.
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
     check_at_once(at_once)

@@ -185,7 +185,7 @@ class _Waves:
 
     def __init__(self, cloth: _Cloth, clips: int) -> None:
         self._cloth, self._clips = cloth, clips
-        self._cloths: "SideBySide | None" = None
+        self._cloths: SideBySide | None = None
 
     def run(self, tasks: list[Task]) -> list[Outcome]:
         """Simulate as many of `tasks` at once as fit, and finish them."""

@@ -18,7 +18,9 @@ def test_a_part_is_read_and_written() -> None:
     assert str(Shard(3, 16)) == "3/16"
 
 
-@pytest.mark.parametrize("text", ["0/4", "5/4", "3", "3/0", "-1/4", "a/b", "", "1/2/3", "1.5/2", "9" * 12 + "/1"])
+@pytest.mark.parametrize(
+    "text", ["0/4", "5/4", "3", "3/0", "-1/4", "a/b", "", "1/2/3", "1.5/2", "9999999999/1"]
+)
 def test_what_is_no_part_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"is no part; give NUMBER/COUNT"):
         parse_shard(text)
