@@ -10,12 +10,14 @@ import hashlib
 import json
 import logging
 import os
+import pickle
 import re
 import sys
 import time
 import warnings
 from collections import deque
 from collections.abc import Iterator, Mapping
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +46,7 @@ class DaskFarm:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs what is raised here
         _say(f"asking the scheduler {self._address}")
         try:
-            self._client = distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
+            self._client: Any = distributed.Client(self._address, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise OSError(
                 f"no scheduler answers at {self._address} within {CONNECT:.0f} s; start one with "
@@ -86,14 +88,14 @@ class DaskFarm:
                 heard = self._heard(places, heard)
                 while waiting and len(running) < (1 if waiting[0] in suspects else places):
                     key = waiting.popleft()
-                    running[self._client.submit(attempt, name, shared, jobs[key], pure=False)] = key
-                done = []
+                    job = pickle.dumps(jobs[key])
+                    running[self._client.submit(attempt, name, shared, job, pure=False)] = key
                 if not running:
                     time.sleep(_LOOK)
                     continue
-                with contextlib.suppress(TimeoutError), self._client.as_current():
-                    done = wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED").done
-                for future in done:
+                with contextlib.suppress(TimeoutError, CancelledError), self._client.as_current():
+                    wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED")
+                for future in [future for future in running if future.done()]:
                     key = running.pop(future)
                     if _killed(future) and key not in suspects and len(jobs) > 1:
                         suspects.add(key)  # perhaps of another job's doing: once more at the end, alone

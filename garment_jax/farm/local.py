@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections import Counter, deque
@@ -59,7 +60,7 @@ class LocalFarm:
                     while waiting or running:
                         while waiting and len(running) < self._beside(waiting[0], running, lost):
                             key = waiting.popleft()
-                            running[pool.submit(attempt, HERE, None, jobs[key])] = key
+                            running[pool.submit(attempt, HERE, None, pickle.dumps(jobs[key]))] = key
                         for future in wait(running, return_when=FIRST_COMPLETED).done:
                             done = future.result()
                             if done.unable:
