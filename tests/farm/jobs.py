@@ -29,6 +29,7 @@ def die(folder: Path, job: Any) -> int:
     mark = folder / f"{job}-{os.getpid()}"
     if job == "dies" or (job == "dies once" and not list(folder.glob("dies once-*"))):
         mark.touch()
+        time.sleep(0.7)  # a Dask nanny gives up a process that ends before it has heard of its start
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(0.05)
     return 1

@@ -22,11 +22,16 @@ ROOT = Path(__file__).parents[2]
 def cluster() -> Iterator[str]:
     """The address of a scheduler with two workers."""
     distributed = pytest.importorskip("distributed", reason="the extra farm is not installed")
+    import dask
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
-        with distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as made:
+        with (
+            dask.config.set({"distributed.scheduler.allowed-failures": 1}),  # quicker
+            distributed.LocalCluster(
+                n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+            ) as made,
+        ):
             yield made.scheduler_address
 
 
