@@ -57,7 +57,7 @@ class DaskFarm:
         except BaseException:
             self._client.close()
             raise
-        _say(f"{self.workers} workers at {self._address}")
+        _say(f"{self.workers} worker{'s' * (self.workers > 1)} at {self._address}")
 
     def __enter__(self) -> "DaskFarm":
         return self
