@@ -107,7 +107,7 @@ def motions(count: int, folder: Path) -> Do:
 
     def do(out: Path, farm: Farm, shard: Shard | None, done: Callable[[], None]) -> list[str]:
         listed = [*paths[: count // 3], folder / f"{FAILS}.h5", *paths[count // 3 :]]
-        outputs = plan_outputs(listed, f"{out}/", "h5", name="skirt", force=shard is not None)  # others are there
+        outputs = plan_outputs(listed, f"{out}/", "h5", name="skirt", force=bool(shard))
         failed = []
         chosen = outputs if shard is None else shard.of(outputs)
         for output, outcome in animate_many(asked, chosen, farm, keys={}, say=lambda _: None):
