@@ -59,13 +59,16 @@ def run(options: argparse.Namespace) -> None:
     data, run_dir = options.data or config.data.dir, options.run_dir or f"runs/{name}"
     by_hand = options.coordinator, options.processes, options.process
     shared = options.devices == "all" or by_hand != ("", None, None)
-    if not options.process:
-        print(f"train: {name} on {data} -> {run_dir}", file=sys.stderr, flush=True)
+    line = f"train: {name} on {data} -> {run_dir}"
+    if not shared:
+        print(line, file=sys.stderr, flush=True)
     from garment_jax.aot_cache import warm_start  # loads JAX: only once the input is sound
     from garment_jax.training.devices import ONE, all_devices
     from garment_jax.training.pipeline import train
 
     with all_devices(*by_hand) if shared else nullcontext(ONE) as devices:
+        if shared:  # now that it is known who is silent
+            print(line, file=sys.stderr, flush=True)
         warm_start()
         folder = train(
             config,

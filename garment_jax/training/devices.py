@@ -6,6 +6,7 @@ see what one would; XLA's partitioner reduces gradients and metrics. Not in the 
 
 import os
 import socket
+import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from garment_jax.training.peers import LOST, Peers, connect
+from garment_jax.training.peers import LOST, Peers, connect, end_process
 
 AXIS = "data"
 CARRY = "carry"  # the field of a state whose leaves are lanes
@@ -240,13 +241,16 @@ def _start(coordinator: str, processes: int | None, process: int | None) -> None
             "others, is missing; pip install kubernetes, or give --coordinator, --processes and --process."
         )
     jax.config.update("jax_enable_preemption_service", False)  # SIGTERM is ours: the stages save and stop
-    given = {"cluster_detection_method": "deactivate"} if coordinator else {}
     late = threading.Timer(COMING, _say_late, [coordinator])
     late.daemon = True
     late.start()
     try:
         jax.distributed.initialize(
-            coordinator or None, processes, process, initialization_timeout=2 * COMING, **given
+            coordinator or None,
+            processes,
+            process,
+            cluster_detection_method="deactivate" if coordinator else None,
+            initialization_timeout=2 * COMING,
         )
     except ValueError as error:
         if "coordinator_address should be defined" not in str(error):
@@ -266,9 +270,10 @@ def _start(coordinator: str, processes: int | None, process: int | None) -> None
 
 def _say_late(coordinator: str) -> None:
     where = f" at {coordinator}" if coordinator else ""
-    text = f"error: not all processes came{where} within {COMING} s; start as many as --processes says.\n"
-    os.write(2, text.encode())
-    os._exit(LOST)  # JAX would abort with a stack trace
+    # JAX would abort with a stack trace
+    end_process(
+        LOST, f"not all processes came{where} within {COMING} s; start as many as there are to be, together."
+    )
 
 
 def _meet() -> Peers:
@@ -280,4 +285,22 @@ def _meet() -> Peers:
         whole = multihost_utils.broadcast_one_to_all(np.frombuffer(value, np.uint8))
         return np.asarray(whole).tobytes()
 
-    return connect(jax.process_index(), jax.process_count(), host, share)
+    try:
+        with _no_output():  # Gloo greets on standard output
+            return connect(jax.process_index(), jax.process_count(), host, share)
+    except OSError as error:
+        end_process(_REFUSED, str(error))  # else JAX would wait for the others once more
+
+
+@contextmanager
+def _no_output() -> Iterator[None]:
+    """Let nothing through to standard output, of other languages' code neither."""
+    sys.stdout.flush()
+    output = os.dup(1)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+            yield
+    finally:
+        os.dup2(output, 1)
+        os.close(output)

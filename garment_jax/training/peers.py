@@ -21,7 +21,7 @@ LOST = 75  # exit code (EX_TEMPFAIL of sysexits.h): another process ended, the s
 _GOES_ON = "the same command for all processes goes on from the last checkpoint"
 
 
-def _exit(code: int, sentence: str) -> NoReturn:
+def end_process(code: int, sentence: str) -> NoReturn:
     """End this process at once, whatever its main thread waits for."""
     with suppress(OSError):
         os.write(2, f"error: {sentence}\n".encode())
@@ -41,7 +41,7 @@ class Peers:
         count: int,
         links: Mapping[int, socket.socket],
         *,
-        end: Callable[[int, str], Any] = _exit,
+        end: Callable[[int, str], Any] = end_process,
         silence: float = SILENCE,
         beat: float = BEAT,
     ) -> None:
