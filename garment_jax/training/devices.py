@@ -126,6 +126,11 @@ class Devices(NamedTuple):
         self.peers.exchange(None)
         return make()
 
+    def made_step(self, *, more: bool) -> None:
+        """Note that a step was made; with `more` the next has to come in time."""
+        if self.peers is not None:
+            self.peers.made_step(more=more)
+
     def check_batches(self, sizes: Mapping[str, int]) -> None:
         """Raise `ValueError` for a batch, by the configuration's key, that cannot be split evenly."""
         for key, size in sizes.items():

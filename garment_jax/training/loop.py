@@ -88,6 +88,7 @@ def run_stage(
             if devices.blocking:
                 jax.block_until_ready(metrics)
             last = step == steps
+            devices.made_step(more=not last)
             at_log = _due(step, log_every, last)
             # read once: a signal that comes later is seen after the next step
             stop = (at_log or devices.peers is None) and devices.any(bool(signals))

@@ -2,7 +2,7 @@
 
 JAX's collectives wait for ever for a process that hangs, and its own service ends the others by an abort with
 a stack trace. Here every process holds a connection to process 0: one that closes, or over which nothing
-comes for `SILENCE` seconds, ends all processes with one sentence.
+comes for `SILENCE` seconds, ends all processes with one sentence. So do `STUCK` seconds without a step.
 """
 
 import json
@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 SILENCE = 60.0  # seconds without a word after which a process counts as hanging
 BEAT = 2.0  # seconds between two words
+STUCK = 1800.0  # seconds without a step after which all end: a process may live and yet wait for ever
 LOST = 75  # exit code (EX_TEMPFAIL of sysexits.h): another process ended, the same command goes on
 _GOES_ON = "the same command for all processes goes on from the last checkpoint"
 
@@ -44,9 +45,12 @@ class Peers:
         end: Callable[[int, str], Any] = end_process,
         silence: float = SILENCE,
         beat: float = BEAT,
+        stuck: float = STUCK,
     ) -> None:
         self.index, self.count = index, count
-        self._links, self._end, self._silence, self._beat = dict(links), end, silence, beat
+        self._links, self._end = dict(links), end
+        self._silence, self._beat, self._stuck = silence, beat, stuck
+        self._stepped: float | None = None  # when the last step was made, while another is to come
         self._state = threading.Condition(threading.RLock())
         self._given: dict[int, dict[int, Any]] = {}  # of process 0: round -> process -> value
         self._rounds: dict[int, list[Any]] = {}  # round -> the values of all
@@ -64,6 +68,10 @@ class Peers:
         with self._state:
             self._state.wait_for(lambda: self._round in self._rounds)
             return self._rounds.pop(self._round)
+
+    def made_step(self, *, more: bool) -> None:
+        """Note that a step was made; with `more` the next has to come in time."""
+        self._stepped = time.monotonic() if more else None
 
     def close(self) -> None:
         """Part in peace: no process minds any more that another one ends."""
@@ -119,7 +127,10 @@ class Peers:
                         del heard[process]
                     elif not data:
                         self._lost(process, "has ended")
-                now = time.monotonic()
+                now, stepped = time.monotonic(), self._stepped
+                if stepped is not None and now - stepped > self._stuck:
+                    what = f"no step was made for {self._stuck / 60:.3g} minutes"
+                    self.end_all(LOST, f"{what}, so all processes end; {_GOES_ON}.")
                 for process, last in heard.items():
                     if now - last > self._silence:
                         self._lost(process, f"has said nothing for {self._silence:g} s")
@@ -172,8 +183,8 @@ def connect(index: int, count: int, host: str, share: Callable[[bytes], bytes]) 
             f"process {index} does not reach process 0 at {host}:{port} ({error.strerror or error}); let the "
             "machines reach each other's ports."
         ) from error
-    link.sendall(token + index.to_bytes(4, "big"))
     link.settimeout(None)
+    link.sendall(token + index.to_bytes(4, "big"))
     return Peers(index, count, {0: link})
 
 
