@@ -1,0 +1,159 @@
+"""Two processes learn what one learns, their checkpoints are one's too; what cannot be shared is refused."""
+
+import os
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from shutil import copytree, rmtree
+
+import jax
+import numpy as np
+import pytest
+
+from garment_jax.config import Config, to_toml
+from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.devices import ONE, check_group
+from garment_jax.training.log import read_log
+from garment_jax.training.pipeline import train
+from tests.animation.tiny_model import CONFIG, SCENE
+from tests.reference.scene import make_motion, write_clip
+from tests.reference.tiny_column_rnn import COLUMNS
+
+ROOT = Path(__file__).parents[2]
+STAGES = ("generative", "motion", "column_rnn")  # a plain batch, and two whose lanes cross steps
+STEPS = 3
+BOUND = 1e-5  # of all parameters' norm; measured: 2e-7
+
+
+def shortened(config: Config) -> Config:
+    """The tiny configuration with `STEPS` steps of `STAGES`, a checkpoint after each of them."""
+    return replace(
+        config,
+        generative=replace(config.generative, steps=STEPS),
+        motion=replace(config.motion, steps=STEPS, warm_up_steps=0),
+        detail=replace(config.detail, steps=0),
+        column_rnn=replace(COLUMNS, steps=STEPS, lanes=2),
+    )
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two short dances to train on, and one that is kept back."""
+    folder = tmp_path_factory.mktemp("data")
+    for k, frames in enumerate((20, 17, 14), start=1):
+        motion = make_motion(SCENE, frames, seed=k)
+        write_clip(folder / "train" / f"waltz_{k}.h5", scene=SCENE, motion=motion)
+    return folder
+
+
+def group(count: int, config: Config, folder: Path, data_dir: Path, *words: str) -> list:
+    """What became of `count` processes that train together in `folder / "run"`."""
+    (folder / "tiny.toml").write_text(to_toml(config))
+    with socket.create_server(("localhost", 0)) as free:
+        port = free.getsockname()[1]
+    call = [sys.executable, "train.py", str(folder / "tiny.toml"), "--data", str(data_dir)]
+    call += [
+        "--run-dir",
+        str(folder / "run"),
+        "--coordinator",
+        f"localhost:{port}",
+        "--processes",
+        str(count),
+    ]
+    running = [
+        subprocess.Popen(
+            [*call, "--process", str(i), *words],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for i in range(count)
+    ]
+    try:
+        said = [process.communicate(timeout=280) for process in running]
+    finally:
+        for process in running:
+            process.kill()
+    return [(process.returncode, *texts) for process, texts in zip(running, said, strict=True)]
+
+
+def distance(stage: str, run: Path, other: Path, part: str = "params") -> float:
+    """How far two runs' last states of a stage are apart, relative to their norm."""
+    assert Checkpointer(run, stage).latest() == Checkpointer(other, stage).latest() == STEPS
+    leaves = [jax.tree.leaves(Checkpointer(r, stage).tree(part)) for r in (run, other)]
+    a, b = (np.concatenate([leaf.ravel().astype(np.float64) for leaf in each]) for each in leaves)
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+@pytest.mark.slow
+def test_two_processes_learn_what_one_learns(tmp_path: Path, data_dir: Path) -> None:
+    config = shortened(CONFIG)
+    one = train(config, tmp_path / "one", data_dir=data_dir)
+    first, second = group(2, config, tmp_path, data_dir)
+    run = tmp_path / "run"
+    assert (first[0], second[0]) == (0, 0), first[2] + second[2]
+    assert first[1].startswith(f"trained: {run}\n")
+    assert second[1:] == ("", "")  # process 0 alone speaks
+    for stage in STAGES:
+        assert distance(stage, run, one) < BOUND, stage
+        logged = [[e["step"] for e in read_log(r, stage=stage)] for r in (run, one)]
+        assert logged[0] == logged[1]
+    for stage in STAGES[1:]:
+        assert distance(stage, run, one, "carry") < BOUND, stage
+
+    # one goes on from the checkpoints of two, in stages with a carry, which was split over them
+    resumed = copytree(run, tmp_path / "resumed")
+    for stage in STAGES[1:]:
+        rmtree(resumed / "checkpoints" / stage / str(STEPS))
+    train(config, resumed, data_dir=data_dir)
+    for stage in STAGES[1:]:
+        assert distance(stage, resumed, run) < BOUND, stage
+
+
+def test_what_cannot_be_shared_ends_all_with_one_sentence(tmp_path: Path, data_dir: Path) -> None:
+    config = shortened(CONFIG)
+    results = group(2, config, tmp_path, data_dir, "--motion.lanes=3")
+    assert [code for code, _, _ in results] == [2, 2]
+    sentence = (
+        "motion.lanes = 3 cannot be split over 2 devices; give --motion.lanes a multiple of 2, such as 4, or "
+        "use fewer devices."
+    )
+    for _, _, said in results:
+        assert said.splitlines()[-1].endswith(sentence)
+        assert said.count("error: ") == 1
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (("", 2, 0), "--coordinator is missing; by hand give every process all of --coordinator HOST:PORT"),
+        (("here:1", None, 0), "--processes is missing"),
+        (("here:1", 2, None), "--process is missing"),
+        (("here", 2, 0), "--coordinator here is no HOST:PORT; give it as in node1:12345."),
+        (("here:port", 2, 0), "--coordinator here:port is no HOST:PORT"),
+        (("here:70000", 2, 0), "--coordinator here:70000 is no HOST:PORT"),
+        (("here:1", 0, 0), "--processes 0 is no number of processes; give 1 or more."),
+        (("here:1", 2, 2), "--process 2 is none of 2; give 0 to 1."),
+        (("here:1", 2, -1), "--process -1 is none of 2"),
+    ],
+)
+def test_options_by_hand_that_do_not_go_together_are_refused(given: tuple, sentence: str) -> None:
+    with pytest.raises(ValueError) as refusal:
+        check_group(*given)
+    assert sentence in str(refusal.value)
+
+
+def test_one_device_changes_nothing() -> None:
+    check_group("", None, None)
+    state, batch = {"carry": np.ones(3)}, np.ones(4)
+    assert ONE.first
+    assert ONE.spread(state) is ONE.whole(state) is ONE.local(state) is state
+    assert ONE.put(batch, 0) is batch
+    assert batch[ONE.rows(4)].base is batch
+    assert ONE.of_first("x") == "x"
+    ONE.check_batches({"motion.lanes": 7})
