@@ -63,7 +63,8 @@ def run(options: argparse.Namespace) -> None:
     if not shared:
         print(line, file=sys.stderr, flush=True)
     from garment_jax.aot_cache import warm_start  # loads JAX: only once the input is sound
-    from garment_jax.training.devices import ONE, all_devices
+    from garment_jax.training.devices import ONE
+    from garment_jax.training.launch import all_devices
     from garment_jax.training.pipeline import train
 
     with all_devices(*by_hand) if shared else nullcontext(ONE) as devices:

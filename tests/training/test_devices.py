@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from garment_jax.config import Config, to_toml
+from garment_jax.training import launch
 from garment_jax.training.checkpoint import Checkpointer
-from garment_jax.training.devices import ONE, check_group
+from garment_jax.training.devices import ONE
+from garment_jax.training.launch import check_group
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train
 from tests.animation.tiny_model import CONFIG, SCENE
@@ -131,7 +133,7 @@ def test_what_cannot_be_shared_ends_all_with_one_sentence(tmp_path: Path, data_d
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        (("", 2, 0), "--coordinator is missing; by hand give every process all of --coordinator HOST:PORT"),
+        (("", 2, 0), "--coordinator is missing; by hand give every process --coordinator HOST:PORT"),
         (("here:1", None, 0), "--processes is missing"),
         (("here:1", 2, None), "--process is missing"),
         (("here", 2, 0), "--coordinator here is no HOST:PORT; give it as in node1:12345."),
@@ -146,6 +148,25 @@ def test_options_by_hand_that_do_not_go_together_are_refused(given: tuple, sente
     with pytest.raises(ValueError) as refusal:
         check_group(*given)
     assert sentence in str(refusal.value)
+
+
+def test_a_launcher_whose_processes_jax_could_not_find_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "find_spec", lambda package: None)
+    assert launch._launcher({}) is None
+    assert (
+        launch._launcher({"OMPI_MCA_orte_hnp_uri": "1.0;tcp://here:1", "OMPI_COMM_WORLD_RANK": "1"}) is None
+    )
+    with pytest.raises(
+        ValueError, match=r"this is process 1 of mpirun, and the package mpi4py, .* is missing;"
+    ):
+        launch._launcher({"OMPI_COMM_WORLD_RANK": "1"})
+    with pytest.raises(
+        ValueError, match=r"this is pod 3 of a Kubernetes Job, .* pip install kubernetes, or give"
+    ):
+        launch._launcher({"JOB_COMPLETION_INDEX": "3"})
+    monkeypatch.setattr(launch, "find_spec", lambda package: package)
+    assert launch._launcher({"PMI_RANK": "0"}) == "mpi4py"
+    assert launch._launcher({"JOB_COMPLETION_INDEX": "3"}) is None  # JAX finds it by itself
 
 
 def test_one_device_changes_nothing() -> None:
