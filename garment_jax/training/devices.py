@@ -91,7 +91,7 @@ class Devices(NamedTuple):
         """Return the whole state in each process, for a checkpoint; all processes call this together."""
         if self.mesh is None:
             return state
-        return self.local(jax.jit(lambda state: state, out_shardings=NamedSharding(self.mesh, P()))(state))
+        return self.local(jax.jit(_same, out_shardings=NamedSharding(self.mesh, P()))(state))
 
     def local(self, tree: Any) -> Any:
         """Return arrays that all devices have, as arrays of one device of this process."""
@@ -100,6 +100,11 @@ class Devices(NamedTuple):
     def of_first(self, value: Any) -> Any:
         """Return the `value` (of JSON) that process 0 has; all processes call this together."""
         return value if self.peers is None else self.peers.exchange(value)[0]
+
+    def check_same(self, what: str, value: Any) -> None:
+        """Raise `ValueError` where `value` (of JSON) is not what process 0 has; all call this together."""
+        if self.of_first(value) != value:
+            raise ValueError(f"{what} is not the one of process 0; give all processes the same.")
 
     def any(self, value: bool) -> bool:
         """Return whether any process has a true `value`; all processes call this together."""
@@ -142,6 +147,10 @@ class Devices(NamedTuple):
 
 
 ONE = Devices()
+
+
+def _same(state: Any) -> Any:  # by a name, so that it is compiled once
+    return state
 
 
 def _is_key(leaf: Any) -> bool:

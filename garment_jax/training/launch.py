@@ -6,7 +6,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, redirect_stderr
+from contextlib import contextmanager, nullcontext, redirect_stderr, suppress
 from importlib.util import find_spec
 
 import jax
@@ -84,7 +84,9 @@ def _one_end(peers: Peers) -> Iterator[None]:
     except BaseException as error:
         threading.Event().wait(_COLLATERAL)  # the end of another process ends this one meanwhile
         code, sentence = _INTERRUPTED, "interrupted; the same command for all processes goes on"
-        if isinstance(error, ValueError | OSError):
+        if "Gloo" in str(error) or "NCCL" in str(error):
+            code, sentence = LOST, f"the connection to another process broke ({error})"
+        elif isinstance(error, ValueError | OSError):
             code, sentence = _REFUSED, str(error)
         elif isinstance(error, Exception):
             traceback.print_exc()
@@ -99,7 +101,8 @@ def _start(coordinator: str, processes: int | None, process: int | None) -> None
     """Start JAX's runtime over processes, where there are several."""
     check_group(coordinator, processes, process)
     method = "deactivate" if coordinator else _launcher(os.environ)
-    jax.config.update("jax_enable_preemption_service", False)  # SIGTERM is ours: the stages save and stop
+    with suppress(AttributeError):  # a setting that later versions may drop
+        jax.config.update("jax_enable_preemption_service", False)  # SIGTERM is ours: stages save and stop
     late = threading.Timer(COMING, _say_late, [coordinator])
     late.daemon = True
     late.start()

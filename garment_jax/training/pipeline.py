@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from garment_jax.config import Config, current, current_names, to_dict
+from garment_jax.config import Config, current, current_names, to_dict, to_toml
 from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
@@ -49,6 +49,7 @@ def train(
     from garment_jax.training.run import open_run, say
 
     stage = current(stage)
+    devices.check_same("this process' configuration or --stage", [to_toml(config), stage])
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     if stage == "column_rnn" and not config.column_rnn.steps:

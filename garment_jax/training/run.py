@@ -76,8 +76,7 @@ def open_run(
     opened = devices.after_first(
         lambda: _opened(config, Path(folder), data_dir, tensorboard, more_facts, check, unposed, devices)
     )
-    if devices.of_first(opened.data.content) != opened.data.content:
-        raise ValueError(f"{data_dir} holds other clips here than where process 0 runs; give all the same.")
+    devices.check_same(f"what {data_dir} holds", opened.data.content)
     return opened
 
 
