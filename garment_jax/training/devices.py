@@ -104,7 +104,7 @@ class Devices(NamedTuple):
     def check_same(self, what: str, value: Any) -> None:
         """Raise `ValueError` where `value` (of JSON) is not what process 0 has; all call this together."""
         if self.of_first(value) != value:
-            raise ValueError(f"{what} is not the one of process 0; give all processes the same.")
+            raise ValueError(f"{what} is not that of process 0; give all processes the same.")
 
     def any(self, value: bool) -> bool:
         """Return whether any process has a true `value`; all processes call this together."""
@@ -154,7 +154,7 @@ def _same(state: Any) -> Any:  # by a name, so that it is compiled once
 
 
 def _is_key(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array) and jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+    return isinstance(leaf, jax.Array) and jax.numpy.issubdtype(leaf.dtype, jax.dtypes.prng_key)
 
 
 def _name(key: Any) -> str:

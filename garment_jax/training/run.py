@@ -76,7 +76,7 @@ def open_run(
     opened = devices.after_first(
         lambda: _opened(config, Path(folder), data_dir, tensorboard, more_facts, check, unposed, devices)
     )
-    devices.check_same(f"what {data_dir} holds", opened.data.content)
+    devices.check_same(f"the content of {data_dir}", opened.data.content)
     return opened
 
 
