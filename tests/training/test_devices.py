@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from shutil import rmtree
 
@@ -13,13 +14,14 @@ import numpy as np
 import pytest
 
 from garment_jax.config import Config, to_toml
-from garment_jax.training import launch
+from garment_jax.training import column_rnn_stage, detail_stage, generative_stage, launch, motion_stage
 from garment_jax.training.checkpoint import Checkpointer
-from garment_jax.training.devices import ONE
+from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.launch import check_group
 from garment_jax.training.log import read_log
-from garment_jax.training.pipeline import train
-from tests.animation.tiny_model import CONFIG, SCENE
+from garment_jax.training.pipeline import BATCHES, train
+from garment_jax.training.run import open_run
+from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
 from tests.reference.scene import make_motion, write_clip
 from tests.reference.tiny_column_rnn import COLUMNS
 
@@ -173,3 +175,46 @@ def test_one_device_changes_nothing() -> None:
     assert batch[ONE.rows(4)].base is batch
     assert ONE.of_first("x") == "x"
     ONE.check_batches({"motion.lanes": 7})
+
+
+class Part(Devices):
+    """One of `parts` processes, in so far as batches tell: it makes its rows."""
+
+    index, parts = 0, 2
+
+    def rows(self, size: int) -> slice:
+        own = size // self.parts
+        return slice(self.index * own, (self.index + 1) * own)
+
+
+class Other(Part):
+    index = 1
+
+
+def test_the_rows_of_two_processes_are_the_batch_of_one(tmp_path: Path, data_dir: Path, monkeypatch) -> None:
+    config = replace(shortened(CONFIG), motion=CONFIG.motion, detail=CONFIG.detail)
+    run = open_run(config, tmp_path / "run", data_dir=data_dir)
+    run.log.close()
+    model = tiny_model().params
+    made: dict[str, list] = {}
+
+    def note(_run, stage: str, params: dict, _make_step, batch_at, *, axes=0, **_options) -> dict:
+        made.setdefault(stage, []).append((batch_at(0), axes))  # all lanes begin
+        return params
+
+    for module in (generative_stage, motion_stage, detail_stage, column_rnn_stage):
+        monkeypatch.setattr(module, "optimise", note)
+    for devices in (ONE, Part(), Other()):
+        part = run._replace(devices=devices)
+        generative_stage.train_generative(part)
+        motion_stage.train_motion(part, model["generative"])
+        detail_stage.train_detail(part, model["generative"], model["motion"])
+        column_rnn_stage.train_column_rnn(part)
+    assert set(made) == set(BATCHES)
+    for stage, ((whole, axes), (first, _), (second, _)) in made.items():
+
+        def joined(axis: int, *parts):
+            return jax.tree.map(lambda a, b: np.concatenate([a, b], axis), *parts)
+
+        together = jax.tree.map(joined, axes if axes else type(whole)(*[0] * len(whole)), first, second)
+        jax.tree.map(partial(np.testing.assert_allclose, atol=1e-6, err_msg=stage), together, whole)
