@@ -54,7 +54,7 @@ class Peers:
         self._state = threading.Condition(threading.RLock())
         self._given: dict[int, dict[int, Any]] = {}  # of process 0: round -> process -> value
         self._rounds: dict[int, list[Any]] = {}  # round -> the values of all
-        self._round, self._over = 0, False
+        self._round, self._over, self._parting = 0, False, False
         self._thread = threading.Thread(target=self._watch, name="peers", daemon=True)
         self._thread.start()
 
@@ -75,12 +75,15 @@ class Peers:
 
     def close(self) -> None:
         """Part in peace: no process minds any more that another one ends."""
+        self._parting = True
         self.exchange(None)
-        for process in self._links:
-            self._send(process, ["bye"])
         self._over = True
         self._thread.join()
         for link in self._links.values():
+            if self.index == 0:  # closed with words unread, it would take the last ones back
+                link.settimeout(5.0)
+                while _received(link):
+                    pass
             link.close()
 
     def end_all(self, code: int, sentence: str) -> None:
@@ -102,6 +105,7 @@ class Peers:
             values = [self._given[number][i] for i in range(self.count)]
             del self._given[number]
             self._rounds[number] = values
+            self._over = self._over or self._parting  # from now on all may end
             self._state.notify_all()
         for other in self._links:
             self._send(other, ["values", number, values])
@@ -122,10 +126,9 @@ class Peers:
                     data = _received(key.fileobj)
                     heard[process] = time.monotonic()
                     *lines, buffers[process] = (buffers[process] + data).split(b"\n")
-                    if not all([self._understand(process, json.loads(line)) for line in lines]):
-                        selector.unregister(key.fileobj)
-                        del heard[process]
-                    elif not data:
+                    for line in lines:
+                        self._understand(process, json.loads(line))
+                    if not data:
                         self._lost(process, "has ended")
                 now, stepped = time.monotonic(), self._stepped
                 if stepped is not None and now - stepped > self._stuck:
@@ -139,20 +142,18 @@ class Peers:
                     for process in heard:
                         self._send(process, ["beat"])
 
-    def _understand(self, process: int, message: list[Any]) -> bool:
-        """Do what a message asks for; return whether more may come from there."""
+    def _understand(self, process: int, message: list[Any]) -> None:
+        """Do what a message asks for."""
         match message:
             case ["value", number, value]:
                 self._give(process, number, value)
             case ["values", number, values]:
                 with self._state:
                     self._rounds[number] = values
+                    self._over = self._over or self._parting
                     self._state.notify_all()
             case ["end", code, sentence]:
                 self.end_all(code, sentence)
-            case ["bye"]:
-                return False
-        return True
 
     def _lost(self, process: int, what: str) -> None:
         self.end_all(LOST, f"process {process} of {self.count} {what}, so all end; {_GOES_ON}.")
