@@ -57,11 +57,12 @@ def collide_file(
 
     The collider is that of the scene, or with `whole_body` all of its body. `body` names another
     sequence file of as many frames, whose moving body takes the place of the sequence's own, or a rigged
-    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
-    `limbs` what a limb has passed through is put back on its side first (`undo_crossings`), with `untangle`
-    crossings of the garment with itself are undone, too. Pinned vertices stay where the sequence has them. Attributes, encoding and per-frame data are kept;
-    `extra/collision_...` are added. `store` keeps the compiled program between runs. Raises `ValueError` or
-    `OSError` in one sentence; so for an `out` that is there, without `force`.
+    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With `limbs` what
+    a limb has passed through is put back on its side first (`undo_crossings`); with `untangle` crossings of
+    the garment with itself are undone, too. Pinned vertices stay where the sequence has them. Attributes,
+    encoding and per-frame data are kept; `extra/collision_...` are added. `store` keeps the compiled program
+    between runs. Raises `ValueError` or `OSError` in one sentence; so for an `out` that is there, without
+    `force`.
     """
     _check_settings(eps, iterations)
     _check_paths(Path(path), Path(out), body, force)

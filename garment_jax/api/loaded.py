@@ -52,8 +52,8 @@ def load(
 
     `clip`: a sequence file whose garment, body, pins and motion it takes (default: its own, `scene.h5`).
     `column_rnn`, `detail` and `lengths` off leave these parts out, everywhere; with `untangle` crossings of
-    the garment with itself are undone, as part of collision handling. Compiled programs are kept in the user's
-    cache folder (`GARMENT_JAX_CACHE=off`: not). Raises `ValueError` or `OSError` in one sentence.
+    the garment with itself are undone, as part of collision handling. Compiled programs are kept in the
+    user's cache folder (`GARMENT_JAX_CACHE=off`: not). Raises `ValueError` or `OSError` in one sentence.
 
         model = gj.load("skirt")
         model.scene.garment.template    # [n, 3] metres

@@ -1,10 +1,10 @@
 """Which edges of a garment go through its own faces, without a tolerance.
 
-Faces lie in groups, and groups in patches, by where they are in the template. Two patches are looked into where
-their boxes overlap; two that share a vertex only where their normals leave no half-space, since else they fold
-nowhere (Volino and Magnenat-Thalmann 1994, without their test of the contour). The same for their groups, and
-then every edge of one group against every face of the other. Cloth that lies nowhere near itself costs the
-patches' boxes.
+Faces lie in groups, and groups in patches, by where they are on the cloth. Two patches are looked into where
+their boxes overlap. If they are near each other on the cloth, only where their normals leave no half-space as
+well: else they fold nowhere (Volino and Magnenat-Thalmann 1994; in place of their test of the contour a
+`MARGIN`). Of two such patches every edge is held against every face in groups whose boxes overlap. Cloth that
+lies nowhere near itself costs the patches' boxes and normals.
 """
 
 from typing import NamedTuple
@@ -14,17 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.noinline import noinline
 from garment_jax.geometry.topology import unique_edges
-from garment_jax.geometry.triangle import Vector, cross, dot, minus
+from garment_jax.geometry.triangle import cross, dot, minus
 
 GROUP = 6  # faces of a group at most
+CHILDREN = 4  # groups of a patch at least, where there are so many
 PATCHES = 256  # at most: their pairs are all looked at in every frame
-PAIRS = 1024  # of patches that are looked into in one frame; more of them: `Found.overflow`
-MARGIN = 0.3
+PAIRS = 4096  # of patches that are looked into in one frame; more of them: `Found.overflow`
+MARGIN = 0.3  # by how much their normals have to leave a half-space, as a cosine
 AT_ONCE = 64  # pairs of patches, and of groups: what one turn of a loop takes
 
 
@@ -34,8 +35,7 @@ class CrossingTables(NamedTuple):
     faces: np.ndarray  # [3, k, g] int32 corners of each group's faces, the last one repeated
     edges: np.ndarray  # [2, e, g] int32 ends of each group's edges, every edge in one group
     edge: np.ndarray  # [e, g] int32 number of the edge
-    near: np.ndarray  # [g, m] int32 groups that share a vertex, itself too; padded with -1
-    touching: np.ndarray  # [p, p] bool patches that share a vertex
+    near: np.ndarray  # [p, p] bool patches that share a vertex, or a third one that shares one with both
     ends: np.ndarray  # [a, 2] int32, all edges
     n: int  # vertices
 
@@ -65,8 +65,9 @@ def make_crossing_tables(template: Float[np.ndarray, "n 3"], faces: Int[np.ndarr
     """Return the tables of a mesh with at least one face (`template` in any unit)."""
     faces = np.asarray(faces, np.int32)
     depth = max(int(np.ceil(np.log2(len(faces) / GROUP))), 0)
-    groups = _halved(_ways(np.asarray(template, np.float64), faces), depth)
-    patches = min(len(groups), PATCHES)
+    ways = _ways(np.asarray(template, np.float64), faces)
+    groups = _halved(ways, depth)
+    patches = int(np.clip(len(groups) // CHILDREN, 1, PATCHES))
     groups = [groups[k] for k in np.arange(len(groups)).reshape(patches, -1).T.ravel()]
     width = max(map(len, groups))
     members = np.stack([np.resize(np.append(g, np.full(width - len(g), g[-1])), width) for g in groups])
@@ -90,23 +91,17 @@ def make_crossing_tables(template: Float[np.ndarray, "n 3"], faces: Int[np.ndarr
         edge[g] = np.resize(own, edge.shape[1]) if len(own) else len(ends)
     padded = np.concatenate([ends, [[0, 0]]]).astype(np.int32)  # an edge of no length crosses nothing
 
-    shares = np.zeros((len(groups), n), bool)
-    for g in range(len(groups)):
-        shares[g, faces[groups[g]]] = True
-    touching = shares.astype(np.float32) @ shares.T.astype(np.float32) > 0
-    m = int(touching.sum(axis=1).max())
-    near = np.full((len(groups), m), -1, np.int32)
-    for g, row in enumerate(touching):
-        own = np.flatnonzero(row)
-        near[g, : len(own)] = own
-    coarse = touching.reshape(-1, patches, len(groups) // patches, patches).any(axis=(0, 2))
-    coarse = coarse.astype(np.float32) @ coarse.astype(np.float32) > 0
+    shares = np.zeros((patches, n), np.float32)
+    shares[np.repeat(of_face % patches, 3), faces.ravel()] = 1
+    touching = (shares @ shares.T > 0).astype(np.float32)
+    near = touching @ touching > 0
+    loose = _in_pieces(ways, of_face % patches)  # whose normals say nothing
+    near[loose] = near[:, loose] = False
     return CrossingTables(
         faces=np.ascontiguousarray(faces[members].transpose(2, 1, 0)),
         edges=np.ascontiguousarray(padded[edge].transpose(2, 1, 0)),
         edge=np.ascontiguousarray(edge.T),
         near=near,
-        touching=coarse,
         ends=ends,
         n=n,
     )
@@ -149,6 +144,16 @@ def _halved(ways: csr_matrix, depth: int) -> list[np.ndarray]:
     return parts
 
 
+def _in_pieces(ways: csr_matrix, patch: Int[np.ndarray, " f"]) -> np.ndarray:
+    """Return the patches whose faces are not one piece."""
+    pairs = ways.tocoo()
+    whole = patch[pairs.row] == patch[pairs.col]
+    within = csr_matrix((pairs.data[whole], (pairs.row[whole], pairs.col[whole])), ways.shape)
+    _, piece = connected_components(within, directed=False)
+    _, first = np.unique(piece, return_index=True)
+    return np.flatnonzero(np.bincount(patch[first]) > 1)
+
+
 def _halves(own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return own[: (len(own) + 1) // 2], own[(len(own) + 1) // 2 :]
 
@@ -159,7 +164,7 @@ def find_self_crossings(V: Float[Array, "n 3"], tables: CrossingTables) -> Found
     Proper: an edge's ends lie strictly on both sides of the face, and its line goes strictly through it.
     What is not finite crosses nothing.
     """
-    P = (V - V.mean(axis=0)).T
+    P = (V - V.mean(axis=0, keepdims=True)).T
     corners, active = _near_patches(P, tables)
     none = Found(jnp.int32(0), jnp.zeros(tables.n, bool), jnp.array(False))
     return jax.lax.cond(active.any(), lambda: _looked(P, _enclosed(corners), active, tables), lambda: none)
@@ -176,7 +181,7 @@ def _enclosed(corners: Float[Array, "3 3 k g"]) -> _Boxes:
     n = tuple(x / jnp.maximum(length, 1e-20) for x in n)
     axis = tuple(x.sum(axis=0) for x in n)
     axis = tuple(x / jnp.maximum(jnp.sqrt(dot(axis, axis)), 1e-20) for x in axis)
-    along = dot(axis, n)
+    along = dot(tuple(x[None] for x in axis), n)
     cosine = jnp.clip(jnp.where(length > 0, along, 1.0).min(axis=0), -1.0, 1.0)
     return _Boxes(
         jnp.stack(low), jnp.stack(high), jnp.stack(axis), cosine, jnp.sqrt(jnp.maximum(1 - cosine**2, 0.0))
@@ -198,15 +203,15 @@ def _overlap(one: _Boxes, other: _Boxes) -> Array:
 def _near_patches(P: Float[Array, "3 n"], tables: CrossingTables) -> tuple[Array, Bool[Array, "p p"]]:
     """Return the corners of all faces, and the pairs of patches to be looked into, each once."""
     corners = coordinates_of(tables.faces, P.reshape(-1))
-    return corners, _pairs(_enclosed(corners.reshape(3, 3, -1, len(tables.touching))), tables)
+    return corners, _pairs(_enclosed(corners.reshape(3, 3, -1, len(tables.near))), tables)
 
 
 @noinline
 def _pairs(patches: _Boxes, tables: CrossingTables) -> Bool[Array, "p p"]:
     one = jax.tree.map(lambda x: x[..., :, None], patches)
     other = jax.tree.map(lambda x: x[..., None, :], patches)
-    once = np.triu(np.ones(tables.touching.shape, bool))
-    return jnp.asarray(once) & _overlap(one, other) & (~jnp.asarray(tables.touching) | _fold(one, other))
+    once = np.triu(np.ones(tables.near.shape, bool))
+    return jnp.asarray(once) & _overlap(one, other) & (~jnp.asarray(tables.near) | _fold(one, other))
 
 
 @noinline
@@ -217,25 +222,22 @@ def _places(mask: Bool[Array, " k"], size: int) -> tuple[Int[Array, " size"], In
 
 
 def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> Found:
-    p = len(tables.touching)
-    children = len(tables.near) // p
+    p = len(tables.near)
+    children = tables.faces.shape[2] // p
     pairs, many = _places(active.reshape(-1), PAIRS)
     own = np.arange(children, dtype=np.int32)
 
-    def turn(carry):
+    def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
         chosen = jax.lax.dynamic_slice(pairs, (at,), (AT_ONCE,))
         there = chosen < p * p
         first, second = chosen // p, chosen % p
-        i = (jnp.minimum(first, p - 1) + p * own[:, None])[:, None]
-        j = (second + p * own[:, None])[None]
+        i = (jnp.minimum(first, p - 1)[None] + p * own[:, None])[:, None]
+        j = (second[None] + p * own[:, None])[None]
         i, j = (jnp.broadcast_to(x, (children, children, AT_ONCE)).reshape(-1) for x in (i, j))
         once = (i <= j) | (i % p != j % p)
-        mask = jnp.tile(there, children**2) & once & _near_groups(groups, i, j, tables)
-        edges, faces = jax.lax.cond(
-            mask.any(), lambda: _through(P, mask, i, j, edges, faces, tables), lambda: (edges, faces)
-        )
-        return at + AT_ONCE, edges, faces
+        mask = jnp.tile(there, children**2) & once & _near_groups(groups, i, j)
+        return at + AT_ONCE, *_through(P, mask, (i, j), (edges, faces), tables)
 
     start = (jnp.int32(0), jnp.zeros(len(tables.ends) + 1, bool), jnp.zeros(tables.faces.shape[1:], bool))
     _, edges, faces = jax.lax.while_loop(lambda c: (c[0] < many) & (c[0] < PAIRS), turn, start)
@@ -249,27 +251,33 @@ def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> 
 
 
 @noinline
-def _near_groups(groups: _Boxes, i: Array, j: Array, tables: CrossingTables) -> Bool[Array, " q"]:
-    one, other = (jax.tree.map(lambda x: x[..., at], groups) for at in (i, j))
+def _near_groups(groups: _Boxes, i: Int[Array, " q"], j: Int[Array, " q"]) -> Bool[Array, " q"]:
+    one, other = (jax.tree.map(lambda x, at=at: x[..., at], groups) for at in (i, j))
     return _overlap(one, other)
 
 
-def _through(P, mask, i, j, edges, faces, tables: CrossingTables):
-    """Return `edges` and `faces` with those that cross in these pairs of groups."""
+def _through(
+    P: Float[Array, "3 n"],
+    mask: Bool[Array, " q"],
+    pairs: tuple[Array, Array],
+    known: tuple[Array, Array],
+    tables: CrossingTables,
+) -> tuple[Array, Array]:
+    """Return which edges and faces are `known` to cross, with those of these pairs of groups."""
     places, many = _places(mask, -(-len(mask) // AT_ONCE) * AT_ONCE)
 
-    def turn(carry):
+    def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
         chosen = jax.lax.dynamic_slice(places, (at,), (AT_ONCE,))
         there = chosen < len(mask)
-        one, other = (x[jnp.minimum(chosen, len(mask) - 1)] for x in (i, j))
+        one, other = (x[jnp.minimum(chosen, len(mask) - 1)] for x in pairs)
         for a, b in ((one, other), (other, one)):
-            crossed = _crossed(P, a, b, tables) & there
+            crossed = _crossed(P, a, b, tables) & there[None, None]
             edges = edges.at[jnp.asarray(tables.edge)[:, a]].max(crossed.any(axis=1))
             faces = faces.at[:, b].max(crossed.any(axis=0))
         return at + AT_ONCE, edges, faces
 
-    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < many, turn, (jnp.int32(0), edges, faces))
+    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < many, turn, (jnp.int32(0), *known))
     return edges, faces
 
 
@@ -283,7 +291,12 @@ def _crossed(P: Array, one: Array, other: Array, tables: CrossingTables) -> Bool
 
 
 @noinline
-def _crosses(ends, corners, ends_at, corners_at) -> Array:
+def _crosses(
+    ends: Int[Array, "2 e q"],
+    corners: Int[Array, "3 k q"],
+    ends_at: Float[Array, "3 2 e q"],
+    corners_at: Float[Array, "3 3 k q"],
+) -> Bool[Array, "e k q"]:
     p, q = (tuple(ends_at[x, k][:, None] for x in range(3)) for k in range(2))
     a, b, c = (tuple(corners_at[x, k][None] for x in range(3)) for k in range(3))
     normal = cross(minus(b, a), minus(c, a))

@@ -35,6 +35,7 @@ from garment_jax.postprocess.rest import (
     init_rest,
     next_rest,
 )
+from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
 from garment_jax.postprocess.untangling import (
     UntangleState,
     faded,
@@ -42,7 +43,6 @@ from garment_jax.postprocess.untangling import (
     init_untangle,
     untangle,
 )
-from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
 
 ROUNDS = 3  # of undoing self-crossings and pushing out of the body, in a frame
 
@@ -202,7 +202,9 @@ def _apart(
     return chosen(kept, state.untangle, itself), crossed, result, collision
 
 
-def _resolved_shape(state: ContactState, V: Array, V_f: Array, frame: BodyFrame, kept: Array, tables: ContactTables):
+def _resolved_shape(
+    state: ContactState, V: Array, V_f: Array, frame: BodyFrame, kept: Array, tables: ContactTables
+):
     """Return zeros like what `_resolved` returns."""
     shape = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)

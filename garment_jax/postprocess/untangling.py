@@ -1,9 +1,9 @@
 """Undo self-crossings: a fold that lies in itself is flattened until it does not.
 
-A network that predicts the mean of folds that it cannot know has them pass through each other. Cloth that is
-smoothed by four to eight centimetres around a crossing has none left, and is no farther from the truth. So every
-vertex has a weight of smoothing; it grows around what still crosses, pass by pass, and fades from frame to frame,
-so that a fold neither opens nor closes at once. A frame without crossings, after others without, comes back as
+A network that predicts the mean of folds it cannot know has them pass through each other. Smoothed over four
+to eight centimetres around a crossing, cloth has none left, and is no farther from the truth. So every vertex
+has a weight of smoothing. It grows around what still crosses, pass by pass, and fades from frame to frame, so
+that a fold neither opens nor closes at once. A frame without crossings, after others without, comes back as
 it is. Not in the paper, whose stated limit it is.
 """
 
@@ -96,8 +96,8 @@ def untangle(
 ) -> tuple[UntangleState, Float[Array, "n 3"], Int[Array, ""]]:
     """Return the weights, `V` (metres) smoothed by them, and how many edges still go through a face.
 
-    Where nothing crosses and all weights are 0, `V` comes back bitwise. Pins stay. A frame with a NaN comes back
-    as it is.
+    Where nothing crosses and all weights are 0, `V` comes back bitwise. Pins stay. A frame with a NaN comes
+    back as it is.
     """
 
     def attempt(carry: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -115,12 +115,12 @@ def untangle(
     return UntangleState(jnp.where(finite, weight, 0.0)), jnp.where(finite, x, V), left
 
 
-def grown(state: UntangleState, V: Float[Array, "n 3"], tables: UntangleTables) -> tuple[UntangleState, Array]:
+def grown(
+    state: UntangleState, V: Float[Array, "n 3"], tables: UntangleTables
+) -> tuple[UntangleState, Array]:
     """Return the weights, grown around what crosses in `V`, and how many edges do."""
     found = find_self_crossings(V, tables.crossings)
-    weight = jax.lax.cond(
-        found.edges > 0, lambda: _grown(state.weight, found, tables), lambda: state.weight
-    )
+    weight = jax.lax.cond(found.edges > 0, lambda: _grown(state.weight, found, tables), lambda: state.weight)
     return UntangleState(weight), found.edges
 
 
@@ -137,8 +137,8 @@ def _smoothed(V: Array, weight: Array, tables: UntangleTables) -> Array:
 def _towards(P: Array, half: Array, around: Float[Array, "3 k n"], mean: np.ndarray) -> Array:
     total = jnp.zeros_like(P)
     for k in range(len(mean)):
-        total = total + jnp.asarray(mean[k]) * around[:, k]
-    return P + half * (total - P)
+        total = total + jnp.asarray(mean[k])[None] * around[:, k]
+    return P + half[None] * (total - P)
 
 
 def _grown(weight: Array, found: Found, tables: UntangleTables) -> Array:
