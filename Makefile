@@ -61,7 +61,7 @@ format: setup
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --no-emit-index-url \
-	  --extra test --extra dev --extra tensorboard --extra sim --extra usd --extra onnx --extra unwrap \
+	  --extra test --extra dev --extra tensorboard --extra sim --extra usd --extra onnx --extra unwrap --extra farm \
 	  pyproject.toml -o requirements.lock
 
 # Interrupted at any point, the same command goes on where it was.

@@ -1,5 +1,6 @@
 """`garment-jax animate`: from a model's name and a motion to a file, in one command."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from garment_jax.animation.animate import make_animator
+from garment_jax.api.animated import RECORDS
 from garment_jax.cli import animate, main
 from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.model.scene_file import Sample, sample_of, write_sample
@@ -50,7 +52,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir() if path.name != RECORDS)
 
 
 def vertices(path: Path) -> np.ndarray:
@@ -287,3 +289,36 @@ def test_the_shipped_skirt_moves(here: Path):
     )
     assert np.abs(long / rest - 1).mean() < 0.05
     assert np.abs(V - sample.motion.root[:, None]).max() < 1.2
+
+
+def test_many_motions_go_on_where_they_were(model: str, here: Path, quick, capsys):
+    (here / "moves").mkdir()
+    for name in "abc":
+        write_bvh(here / "moves" / f"{name}.bvh", SCENE.body, make_motion(SCENE, 4))
+    words = ["animate", model, "moves", "--format", "h5", "--out", "made/", *FAST]
+    assert main([*words, "--shard", "2/2"]) == 0
+    assert names(here / "made") == ["b.h5"]
+    before = (here / "made/b.h5").stat().st_mtime_ns
+    assert main(words) == 0
+    assert "1 of 3 are there already" in capsys.readouterr().out
+    assert names(here / "made") == ["a.h5", "b.h5", "c.h5"]
+    assert (here / "made/b.h5").stat().st_mtime_ns == before
+    assert main(words) == 0
+    assert "3 of 3 are there already" in capsys.readouterr().out
+    record = here / "made" / RECORDS / "a.h5.json"  # killed between the file and its record
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"files": []}))
+    assert main(words) == 0
+    assert "2 of 3 are there already" in capsys.readouterr().out
+    write_bvh(here / "moves" / "c.bvh", SCENE.body, make_motion(SCENE, 5))
+    assert main(words) == 2  # of another motion
+    assert "made/c.h5 is there already; --force replaces it" in capsys.readouterr().err
+    assert main([*words, "--force"]) == 0
+
+
+def test_a_part_that_is_none_and_workers_of_a_farm_are_refused(model: str, here: Path, capsys):
+    assert "--shard 3/2 is no part" in refused([model, "--shard", "3/2"], capsys)
+    assert "--farm nowhere is no scheduler" in refused([model, "--farm", "nowhere"], capsys)
+    both = refused([model, "--farm", "tcp://localhost:1", "--workers", "2"], capsys)
+    assert "leave it out with --farm" in both
+    assert "workers=0 must be 1 or more" in refused([model, "--workers", "0"], capsys)
+    assert names(here) == []

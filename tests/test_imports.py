@@ -16,6 +16,7 @@ ROOMS = (
     "progress",
     "machine",
     "aot_cache",
+    "farm",
     "geometry",
     "body",
     "procedural",

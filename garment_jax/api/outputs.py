@@ -1,7 +1,7 @@
 """What an animation is written as, by the name of the output: which file, and whether it may be written."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,13 +34,20 @@ class Output(NamedTuple):
 
 
 def plan_outputs(
-    motions: Sequence[Path | None], out: str | None, format: str | None, *, name: str, force: bool
+    motions: Sequence[Path | None],
+    out: str | None,
+    format: str | None,
+    *,
+    name: str,
+    force: bool,
+    going_on: Callable[[Output], bool] = lambda output: False,
 ) -> list[Output]:
     """Return where each motion's animation goes, `name` being the sample's.
 
     `out` is a file for one motion, by whose ending the format is known, or a folder. Without it files go
     into the current folder, named as their motions. Raises `ValueError` for an ending that is none, two
-    motions of one name, what would be overwritten without `force`, and a motion that would be at all.
+    motions of one name, what would be overwritten without `force` unless `going_on` says that it is of the
+    same command, and a motion that would be at all.
     """
     stems = [name if motion is None else motion.stem for motion in motions]
     given = format_of(out) if out is not None else None
@@ -62,7 +69,7 @@ def plan_outputs(
             Output(motion, folder / f"{stem}{ENDINGS[chosen][0]}", chosen)
             for motion, stem in zip(motions, stems, strict=True)
         ]
-    _check(outputs, force)
+    _check(outputs, force, going_on)
     return outputs
 
 
@@ -73,7 +80,7 @@ def format_of(out: str) -> str | None:
     return None if found != "obj" and (out.endswith(("/", "\\")) or Path(out).is_dir()) else found
 
 
-def _check(outputs: Sequence[Output], force: bool) -> None:
+def _check(outputs: Sequence[Output], force: bool, going_on: Callable[[Output], bool]) -> None:
     seen: dict[Path, Output] = {}
     for output in outputs:
         path = output.path.resolve()
@@ -85,8 +92,9 @@ def _check(outputs: Sequence[Output], force: bool) -> None:
         for motion in (other.motion for other in outputs):
             if motion is not None and motion.resolve() == path:
                 raise ValueError(f"{output.path} holds the motion itself; write the animation elsewhere.")
+        replacing = going_on(output) or force
         for made in companions(output):
-            check_free(made, force, frames=True)
+            check_free(made, replacing, frames=True)
 
 
 def companions(output: Output) -> list[Path]:

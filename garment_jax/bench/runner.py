@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,9 @@ from garment_jax.bench.keeping import keep, take_over
 from garment_jax.bench.plan import SIMULATE, TIME, TRAIN, Job, Plan
 from garment_jax.bench.report import write_report
 from garment_jax.bench.settings import load_benchmark
-from garment_jax.bench.worker import make_plan, told_job
+from garment_jax.bench.worker import WORKER, make_plan, told_job, work_there
+from garment_jax.farm.work import Farm, Work
 from garment_jax.storage.lock import locked
-
-WORKER = (sys.executable, "-m", "garment_jax.bench.worker")
 
 
 class StoppedError(SystemExit):
@@ -36,21 +36,30 @@ def benchmark(
     report_only: bool = False,
     timed_by: str = "",
     kept: str | Path | None = None,
+    farm: Farm | None = None,
     show: Callable[[str], object] = print,
 ) -> int:
     """Do what is missing of the benchmark `path` and write its report; return how many jobs failed.
 
     `data` and `out` default to the file's. `timed_by` is a command line that runs the measurements of run
     time, such as `taskset -c 0,1`. Records of finished jobs are taken over from the folder `kept` and written
-    there. Raises `ValueError` or `OSError` in one sentence, and `StoppedError`
-    (exit code 130) where it is stopped: the same command goes on.
+    there. With a `farm` of several workers they train and measure errors at once; run time is measured here,
+    one job after the other, when they are done. Raises `ValueError` or `OSError` in one sentence, and
+    `StoppedError` (exit code 130) where it is stopped: the same command goes on.
     """
     told = _told(path, data, out, quick=quick, only=only)
+    at_once = None if farm is None or farm.here(2) else farm
+    if at_once:  # workers may be in folders of their own
+        told |= {name: _placed(told[name]) for name in ("benchmark", "data", "out")}
     plan = make_plan(told)
     with locked(plan.out, "running a benchmark", remedy="name another --out"):
         if kept is not None:
             show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")
         failed: dict[Path, str] = {}
+        if at_once and not report_only:
+            for done in _do_ready(plan, told, at_once, failed, show):
+                if kept is not None and done:
+                    keep(plan, Path(kept))
         while not report_only:
             job = next_job(plan, failed)
             if job is None:
@@ -93,6 +102,48 @@ def next_job(plan: Plan, failed: dict[Path, str]) -> Job | None:
             continue  # its training failed or diverged
         return job
     return None
+
+
+def _placed(text: str) -> str:
+    return str(Path(text).absolute()) if Path(text).exists() or os.sep in text else text  # else a name
+
+
+def ready_jobs(plan: Plan, failed: Container[Path]) -> dict[Path, Job]:
+    """Return the jobs that any worker may do now: none whose run is not trained, or whose rate is searched.
+
+    Times are measured where nothing else runs.
+    """
+    methods = {row.method for row in plan.settings.rows} & set(plan.settings.search.methods)
+    searches = {method: plan.search_jobs(method) for method in methods}
+    searched = {job.done for jobs in searches.values() for job in jobs}
+    searching = {m for m in methods if any(_is_open(job, failed) for job in searches[m])}
+    ready: dict[Path, Job] = {}
+    for job in plan.jobs():
+        if job.kind in (TIME, SIMULATE) or not _is_open(job, failed):
+            continue
+        if job.kind != TRAIN and not _trained(plan, job):
+            continue
+        if job.done in searched or plan.loaded.row(job.row).method not in searching:
+            ready.setdefault(job.done, job)
+    return ready
+
+
+def _is_open(job: Job, failed: Container[Path]) -> bool:
+    return not job.done.is_file() and job.done not in failed
+
+
+def _do_ready(
+    plan: Plan, told: dict[str, Any], farm: Farm, failed: dict[Path, str], show: Callable[[str], object]
+) -> Iterator[bool]:
+    """Do what is ready until nothing more is; yield whether a job was done, after each."""
+    while jobs := ready_jobs(plan, failed):
+        show(f"{len(jobs)} jobs for {farm.workers} workers ...")
+        for key, outcome in farm.map(Work(partial(dict, told), work_there), jobs):
+            error = outcome.error or ("" if key.is_file() else f"{key} is not there")
+            if error:
+                failed[key] = f"{describe(plan, jobs[key])} failed: {error}"
+            show(failed[key] if error else f"{describe(plan, jobs[key])} took {outcome.value:.0f} s")
+            yield not error
 
 
 def _trained(plan: Plan, job: Job) -> bool:

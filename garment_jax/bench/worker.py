@@ -4,7 +4,11 @@ Memory is then given back after each job, its peak is the job's own, and a stopp
 """
 
 import json
+import os
+import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,8 @@ from garment_jax.baselines import METHODS
 from garment_jax.bench.plan import LATENT, ROLL, SIMULATE, TIME, TRAIN, Job, Plan
 from garment_jax.bench.quick import quick_version
 from garment_jax.bench.settings import check_methods, load_benchmark
+
+WORKER = (sys.executable, "-m", "garment_jax.bench.worker")
 
 
 def make_plan(told: dict[str, Any]) -> Plan:
@@ -57,9 +63,29 @@ def work(plan: Plan, job: Job) -> None:
         time_simulator(plan, job)
 
 
+def work_there(told: dict[str, Any], job: Job) -> float:
+    """Do a job in a process of its own, on whatever machine; return the seconds it took."""
+    began = time.monotonic()
+    words = [*WORKER, json.dumps(told | {"job": told_job(job), "farmed": True})]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or ["no word of it"]
+        raise ValueError(f"{last[0].removeprefix('error: ')} (exit code {done.returncode})")
+    return time.monotonic() - began
+
+
+def _end_with_parent(parent: int) -> None:
+    """End when the worker that started this ends: its job is done again elsewhere."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
 def main() -> int:
     """Read what to do from the first argument, do it; a refusal is one sentence and exit code 2."""
     told = json.loads(sys.argv[1])
+    if told.get("farmed"):
+        threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     try:
         work(make_plan(told), job_told(told["job"]))
     except (ValueError, OSError) as error:

@@ -3,21 +3,26 @@
 import argparse
 import os
 import sys
+import time
 import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from garment_jax.api.opened import open_model
+from garment_jax.api.animated import is_begun, is_made, made_of
 from garment_jax.api.outputs import ENDINGS, Output, plan_outputs
 from garment_jax.api.written_as import NEXT, Shape, check_able
+from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.pairs import LeftOut
 from garment_jax.cli.parser import add_command, add_force
+from garment_jax.progress import duration
 
 if TYPE_CHECKING:
+    from garment_jax.api.many_motions import Asked
+    from garment_jax.farm.work import Farm
     from garment_jax.importers.sources import Options
 
 EXAMPLES = """  garment-jax animate skirt                            its sample motion, as a page
@@ -58,25 +63,40 @@ def add(commands) -> None:
     group.add_argument("--height", type=int, default=480, help="pixels of a picture or film (default 480)")
     group.add_argument("--every", type=int, metavar="N", help="glb: every Nth frame becomes a morph target")
     group.add_argument("--blender", help="abc: a blender executable, or a Python with bpy")
+    add_farm_options(parser.add_argument_group("many motions"))
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.api.many_motions import Asked
     from garment_jax.model.shipped import find_model
 
-    folder = find_model(options.model)
-    motions = list_files(options.motions)
-    name = folder.resolve().name
-    o = options
+    folder, shard, o = find_model(options.model), shard_of(options), options
+    motions, name = list_files(o.motions), folder.resolve().name
     shape = Shape(not o.no_body, o.out_unit, o.out_up, o.blender, o.height, o.every)
-    outputs = plan_outputs(motions, options.out, options.format, name=name, force=options.force)
-    planning = options.plan and options.out is None  # as infer.py: then nothing is written
+    asked = Asked(folder, shape, motion_options(o), wanted(o), o.force, o.plan and o.out is None)
+    keys: dict[Output, str] = {}
+
+    def going_on(output: Output) -> bool:
+        """Whether an output may be there: made by this command, or left by it."""
+        if len(motions) == 1 or asked.planning:
+            return False
+        keys[output] = made_of(folder, output, shape, asked.own, asked.wanted)
+        return is_made(output, keys[output]) or is_begun(output, keys[output])
+
+    outputs = plan_outputs(motions, o.out, o.format, name=name, force=o.force, going_on=going_on)
+    outputs = outputs if shard is None else shard.of(outputs)
     check_able({output.format for output in outputs}, shape)
-    for output in outputs:
+    missing = [x for x in outputs if o.force or x not in keys or not is_made(x, keys[x])]
+    if len(missing) < len(outputs):
+        print(f"{len(outputs) - len(missing)} of {len(outputs)} are there already", flush=True)
+    for output in missing:
         what = "its sample motion" if output.motion is None else str(output.motion)
-        print(f"{name} on {what}{'' if planning else f' -> {output.path}'}", flush=True)
-    _animate(folder, outputs, shape, options, planning)
+        print(f"{name} on {what}{'' if asked.planning else f' -> {output.path}'}", flush=True)
+    if missing:
+        with farm_of(options) as farm:
+            _animate(asked, missing, keys, farm, options)
 
 
 def list_files(paths: Sequence[Path]) -> list[Path | None]:
@@ -92,33 +112,36 @@ def list_files(paths: Sequence[Path]) -> list[Path | None]:
 
 
 def _animate(
-    folder: Path, outputs: Sequence[Output], shape: Shape, options: argparse.Namespace, planning: bool
+    asked: "Asked",
+    outputs: Sequence[Output],
+    keys: dict[Output, str],
+    farm: "Farm",
+    options: argparse.Namespace,
 ) -> None:
-    from garment_jax.api.animating import write_animation
-    from garment_jax.model.scene_file import read_sample
+    from garment_jax.api.many_motions import animate_many
 
-    asked, own = wanted(options), motion_options(options)
-    opened = open_model(str(folder), asked)
-    sample = read_sample(folder)
-    left_out = LeftOut(len(outputs))
-    for output in outputs:
-        page = options.out is None and not options.no_open and output.format == "html"
-        open_early: list[Path] = []
-        with left_out.reading(output.motion or folder):
-            files = write_animation(
-                opened,
-                sample,
-                output,
-                shape,
-                own,
-                asked,
-                force=options.force,
-                planning=planning,
-                say=partial(print, flush=True),
-                show_early=partial(_show_early, open_early) if page and has_screen() else None,
-            )
-            if files:
-                _end(files, output, opening=page and not open_early)
+    left_out, began = LeftOut(len(outputs)), time.monotonic()
+    page = options.out is None and not options.no_open and len(outputs) == 1 and outputs[0].format == "html"
+    open_early: list[Path] = []
+    running = animate_many(
+        asked,
+        outputs,
+        farm,
+        keys=keys,
+        say=partial(print, flush=True),
+        show_early=partial(_show_early, open_early) if page and has_screen() else None,
+    )
+    for done, (output, outcome) in enumerate(running, 1):
+        if outcome.error:
+            left_out.note(output.motion or asked.model, outcome.error)
+            continue
+        for line in outcome.value.said:
+            print(line, flush=True)
+        if outcome.value.files:
+            _end(outcome.value.files, output, opening=page and not open_early)
+        if len(outputs) > 1:
+            left = duration((time.monotonic() - began) / done * (len(outputs) - done))
+            print(f"{done}/{len(outputs)} motions, {left} left", flush=True)
     left_out.check()
 
 

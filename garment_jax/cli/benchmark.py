@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from garment_jax.cli.farm_options import add_farm_options, farm_of
 from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import add_command
 
@@ -36,6 +37,7 @@ def add(commands) -> None:
         metavar="COMMAND",
         help='runs the measurements of run time, e.g. "taskset -c 0,1"',
     )
+    add_farm_options(parser.add_argument_group("jobs at once, but for run time"), shards=False)
     parser.set_defaults(run=run)
 
 
@@ -43,17 +45,19 @@ def run(options: argparse.Namespace) -> int:
     """Run it; exit code 1 where a job failed."""
     from garment_jax.bench.runner import benchmark
 
-    failed = benchmark(
-        options.config,
-        data=options.data,
-        out=options.out,
-        quick=options.quick,
-        only=options.only,
-        report_only=options.report_only,
-        timed_by=options.timed_by,
-        kept=options.keep,
-        show=partial(print, flush=True),
-    )
+    with farm_of(options) as farm:
+        failed = benchmark(
+            options.config,
+            data=options.data,
+            out=options.out,
+            quick=options.quick,
+            only=options.only,
+            report_only=options.report_only,
+            timed_by=options.timed_by,
+            kept=options.keep,
+            farm=farm,
+            show=partial(print, flush=True),
+        )
     if options.quick and not failed:
         data = [] if options.data is None else ["--data", options.data]
         say_next("benchmark", options.config, *data, why="all of it, at full length")

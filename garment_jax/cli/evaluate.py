@@ -3,13 +3,14 @@
 import argparse
 import json
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.next_step import say_next
 from garment_jax.cli.pairs import LeftOut, pair_files
 from garment_jax.cli.parser import add_command, add_force
-from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax evaluate pred.h5 truth.h5
   garment-jax evaluate pred/ data/test --every 10 --out figures.json
@@ -43,12 +44,13 @@ def add(commands) -> None:
     parser.add_argument(
         "--whole-body", action="store_true", help="show the penetration of the arms and the head, too"
     )
+    add_farm_options(parser.add_argument_group("many clips"))
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.evaluation.command import evaluate_files
+    from garment_jax.evaluation.many_pairs import Pair, evaluate_many
     from garment_jax.evaluation.table import format_table
     from garment_jax.storage.whole import written_whole
 
@@ -59,11 +61,23 @@ def run(options: argparse.Namespace) -> None:
         check_out(options.out, ".json", read, options.force)
     if options.curves is not None:
         check_out(options.curves, ".png", read, options.force, option="--curves")
-    figures, left_out = [], LeftOut(len(pairs))
-    for pred, truth in pairs:
-        with left_out.reading(pred), FrameProgress(pred.stem) as progress:
-            again = seconds.get(pred)
-            figures.append(evaluate_files(pred, truth, every=options.every, again=again, progress=progress))
+    shard = shard_of(options)
+    pairs = pairs if shard is None else shard.of(pairs)
+    asked = [Pair(pred, truth, seconds.get(pred)) for pred, truth in pairs]
+    if shard is not None:
+        print(f"shard {shard}: {len(asked)} clips", file=sys.stderr, flush=True)
+        if not asked:
+            return
+    left_out, found = LeftOut(len(pairs)), {}
+    with farm_of(options) as farm:
+        for i, outcome in evaluate_many(asked, farm, every=options.every):
+            if outcome.error:
+                left_out.note(asked[i].pred, outcome.error)
+                continue
+            found[i] = outcome.value
+            if not farm.here(len(asked)):
+                print(f"{asked[i].pred.stem}: {len(found)}/{len(asked)} clips", file=sys.stderr, flush=True)
+    figures = [found[i] for i in sorted(found)]
     if not figures:
         left_out.check()
     text = json.dumps(figures if options.pred.is_dir() else figures[0])

@@ -24,8 +24,14 @@ class LeftOut:
         except (ValueError, OSError) as error:
             if self.count == 1:
                 raise
-            print(f"left out: {error}", file=sys.stderr, flush=True)
-            self.names.append(path.name)
+            self.note(path, str(error))
+
+    def note(self, path: Path, error: str) -> None:
+        """Print what is wrong with a file; of an only one raise it."""
+        if self.count == 1:
+            raise ValueError(error)
+        print(f"left out: {error}", file=sys.stderr, flush=True)
+        self.names.append(path.name)
 
     def check(self) -> None:
         """Raise `ValueError` where any was left out, once the others are done."""

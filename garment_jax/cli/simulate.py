@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from garment_jax.cli.choices import GARMENTS
+from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.next_step import say_next
 from garment_jax.cli.own_scene import add_scene_options, own_motions, own_scene
@@ -14,6 +15,8 @@ from garment_jax.cli.parser import add_command
 if TYPE_CHECKING:
     import numpy as np
 
+    from garment_jax.farm.shard import Shard
+    from garment_jax.farm.work import Farm
     from garment_jax.simulation.settings import ClothSettings
     from garment_jax.structs import Scene
 
@@ -44,7 +47,7 @@ def _shared(*, pattern: bool = True) -> argparse.ArgumentParser:
     """Return what all ways have; `pattern`: for a garment that does not bring its flat pattern along."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--out", type=Path, help="folder for OUT/train and OUT/test (default: data/GARMENT)")
-    parser.add_argument("--workers", type=int, default=1, help="processes, each with a clip (default 1)")
+    add_farm_options(parser)
     parser.add_argument(
         "--device", default="cpu", help="cpu (default), or cuda: many clips side by side on a GPU"
     )
@@ -71,7 +74,7 @@ def _add_embedded(ways, shared: argparse.ArgumentParser) -> None:
     parser.add_argument("--vertices", type=int, default=900, help="of the garment, about (default 900)")
     parser.add_argument("--frames", type=int, default=900, help="of the motions, in all (default 900)")
     parser.add_argument("--seed", type=int, default=0, help="of the motions (default 0)")
-    parser.set_defaults(run=run_embedded, pattern=None)
+    parser.set_defaults(run=run, simulate=embedded, pattern=None)
 
 
 def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
@@ -104,7 +107,7 @@ def _add_varied(ways, shared: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--longest", type=int, help="frames of a varied motion, cut out anywhere")
     parser.add_argument("--seed", type=int, default=0, help="of the varied motions (default 0)")
-    parser.set_defaults(run=run_varied)
+    parser.set_defaults(run=run, simulate=varied)
 
 
 def _add_files(ways, shared: argparse.ArgumentParser) -> None:
@@ -121,10 +124,17 @@ def _add_files(ways, shared: argparse.ArgumentParser) -> None:
     )
     add_motion_options(parser.add_argument_group("the motions"))
     parser.add_argument("--test", nargs="*", default=[], metavar="NAME", help="motions to test on")
-    parser.set_defaults(run=run_files)
+    parser.set_defaults(run=run, simulate=files)
 
 
-def run_embedded(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
+    """Simulate what the way says."""
+    shard = shard_of(options)
+    with farm_of(options) as farm:
+        options.simulate(options, farm, shard)
+
+
+def embedded(options: argparse.Namespace, farm: "Farm", shard: "Shard | None") -> None:
     """Simulate the package's own garment."""
     from garment_jax.procedural.made import check_count
     from garment_jax.procedural.scene import make_outfit
@@ -135,10 +145,10 @@ def run_embedded(options: argparse.Namespace) -> None:
     settings = _settings(options, EMBEDDED_CLOTH.get(options.garment, []))
     scene, flat = make_outfit(options.garment, vertices=options.vertices)
     jobs = embedded_jobs(scene.body, frames=options.frames, fps=settings.fps, seed=options.seed)
-    _simulate(options, scene, jobs, settings, flat, [])
+    _simulate(options, farm, shard, scene, jobs, settings, flat, [])
 
 
-def run_varied(options: argparse.Namespace) -> None:
+def varied(options: argparse.Namespace, farm: "Farm", shard: "Shard | None") -> None:
     """Simulate varied motions of clips."""
     from garment_jax.simulation.command import check_rest_shape
     from garment_jax.simulation.varied import varied_jobs
@@ -157,10 +167,10 @@ def run_varied(options: argparse.Namespace) -> None:
         settings=settings,
     )
     check_rest_shape(scene.garment, flat, options.pattern or options.clips[0])
-    _simulate(options, scene, jobs, settings, flat, [])
+    _simulate(options, farm, shard, scene, jobs, settings, flat, [])
 
 
-def run_files(options: argparse.Namespace) -> None:
+def files(options: argparse.Namespace, farm: "Farm", shard: "Shard | None") -> None:
     """Simulate a user's own garment."""
     from garment_jax.simulation.command import check_rest_shape
 
@@ -171,7 +181,7 @@ def run_files(options: argparse.Namespace) -> None:
     scene = dressed.scene
     jobs = own_motions(options, dressed, fps=settings.fps, test=options.test, left_out=left_out)
     check_rest_shape(scene.garment, flat, options.pattern or options.garment)
-    _simulate(options, scene, jobs, settings, flat, left_out)
+    _simulate(options, farm, shard, scene, jobs, settings, flat, left_out)
 
 
 def _settings(options: argparse.Namespace, usual: list[str] | None = None) -> "ClothSettings":
@@ -192,6 +202,8 @@ def _pattern(options: argparse.Namespace) -> "np.ndarray | None":
 
 def _simulate(
     options: argparse.Namespace,
+    farm: "Farm",
+    shard: "Shard | None",
     scene: "Scene",
     jobs: list[Any],
     settings: "ClothSettings",
@@ -206,10 +218,11 @@ def _simulate(
     outcomes = simulate_clips(
         scene,
         jobs,
-        out,
+        out if options.farm is None else out.absolute(),  # its workers are in folders of their own
         settings,
         flat=flat,
-        workers=options.workers,
+        farm=farm,
+        shard=shard,
         device=options.device,
         at_once=AT_ONCE if options.at_once is None else options.at_once,
         progress=partial(print, flush=True),

@@ -11,12 +11,19 @@ from garment_jax.dataset.lanes import LaneWindow, frame_weights, make_schedule
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of, targets_of, unposed_targets_of
 from garment_jax.structs import FrameInput
 
+ALL = slice(None)
 
-def random_frames(data: DataSet, count: int, *, seed: int, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return V_star (networks' frame) and T_tilde_star `[count, n, 3]` of frames of all training clips."""
+
+def random_frames(
+    data: DataSet, count: int, *, seed: int, step: int, rows: slice = ALL
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return V_star (networks' frame) and T_tilde_star `[count, n, 3]` of frames of all training clips.
+
+    Of these `count`, only `rows` are read and returned.
+    """
     rng = np.random.default_rng([seed, step])
     ends = np.cumsum([len(clip.V) for clip in data.train])
-    picks = np.sort(rng.integers(0, ends[-1], count))
+    picks = np.sort(rng.integers(0, ends[-1], count))[rows]
     which = np.searchsorted(ends, picks, side="right")
     V, T_tilde = [], []
     for clip in np.unique(which):

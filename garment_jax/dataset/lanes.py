@@ -19,6 +19,10 @@ class LaneWindow(NamedTuple):
     true_start: np.ndarray  # [L] bool, it began from a true frame (else from the skinned template)
     age: np.ndarray  # [L] frames since the lane began
 
+    def part(self, lanes: slice) -> "LaneWindow":
+        """Return these lanes alone."""
+        return LaneWindow(*(field[lanes] for field in self))
+
 
 def check_window(lengths: Sequence[int], window: int, stage: str = "motion") -> None:
     """Raise `ValueError` unless a clip of `lengths` frames holds a window of the stage."""

@@ -29,7 +29,7 @@ from garment_jax.model.folder import FACTS, check_no_model, check_replaceable
 from garment_jax.model.scene_file import sample_of
 from garment_jax.model.store import save_model
 from garment_jax.progress import duration, part_of_whole
-from garment_jax.simulation.clips import Job, content_key, simulate_clips
+from garment_jax.simulation.clips import Job, check_made, content_key, simulate_clips
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.storage.lock import locked
 from garment_jax.storage.whole import write_text, written_whole
@@ -173,6 +173,7 @@ class _Work:
             given.scene, jobs, self.work / CLIPS, given.cloth, flat=given.flat, workers=self.wanted.workers,
             progress=lambda text: self.say(f"{text}; {self.left()}"),
         )  # fmt: skip
+        check_made(outcomes)
         self.file.decide(left_out=[*left_out, *(o.job for o in outcomes if o.path is None)])
         start = given.cloth.blend + given.cloth.hold + 1
         made = [

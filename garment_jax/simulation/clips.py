@@ -15,14 +15,17 @@ import h5py
 import numpy as np
 
 from garment_jax.evaluation.penetration import neighbour_faces
+from garment_jax.farm.local import LocalFarm
+from garment_jax.farm.shard import Shard
+from garment_jax.farm.work import Farm
 from garment_jax.io.content_hash import scene_hash, stored_attribute, stored_hash
 from garment_jax.io.overwrite_checks import COLLIDED, RESTARTED
 from garment_jax.io.sequence_writer import INT16_REACH, SequenceWriter
-from garment_jax.simulation.many import AT_ONCE, Task, check_counts, simulate_many
+from garment_jax.simulation.many import AT_ONCE, Task, check_at_once, simulate_many
 from garment_jax.simulation.screening import Screen, ScreenLimits, faults, screen_clip
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import check_motion
-from garment_jax.storage.lock import locked
+from garment_jax.storage.lock import NAME, lock_name, locked
 from garment_jax.storage.scratch import sweep
 from garment_jax.storage.whole import replaced
 from garment_jax.structs import Motion, Scene
@@ -40,9 +43,8 @@ class Job(NamedTuple):
 
 
 class _Output(NamedTuple):
-    """What a clip's screening and its file need."""
+    """What a clip's screening and its file need, beside the scene."""
 
-    scene: Scene
     job: Job
     path: Path
     settings: ClothSettings
@@ -58,6 +60,7 @@ class Outcome(NamedTuple):
     seconds: float  # 0 for one that was there already
     screen: Screen | None
     faults: list[str]  # why it was left out, in words
+    error: str = ""  # why it could not be made, though it might be another time: a full disk, a lost worker
 
 
 def simulate_clips(
@@ -68,6 +71,8 @@ def simulate_clips(
     *,
     flat: np.ndarray | None = None,
     workers: int = 1,
+    farm: Farm | None = None,
+    shard: Shard | None = None,
     device: str = "cpu",
     at_once: int = AT_ONCE,
     limits: ScreenLimits = ScreenLimits(),
@@ -77,22 +82,27 @@ def simulate_clips(
 
     A clip that is there already, of the same content, is kept: an interrupted call goes on where it was.
     One that was simulated with other settings, in this garment and body, is made anew; no other file is
-    replaced. One process at a time simulates into `out`. The drape from rest is computed once. `flat`
-    `[u, 2]` is the flat pattern in metres. On a CPU each of `workers` processes simulates a clip; on another
-    `device` `at_once` clips are simulated side by side (`SideBySide`), and the processes screen and write
-    them. A clip that fails the screening is named, with the reason, and no file is left. `progress` gets a
-    line for every clip; frames are counted on
-    stderr. Raises `ValueError` or `OSError` before anything is simulated for what could not be simulated or
-    written, and for a file of a clip's name that must not be replaced.
+    replaced. One process at a time simulates into `out`, or one for each `shard`, whose part of `jobs` alone
+    is simulated. The drape from rest is computed once. `flat` `[u, 2]` is the flat pattern in metres. On a
+    CPU each worker of `farm` (`workers` processes) simulates a clip; on another `device` `at_once` clips are
+    simulated side by side (`SideBySide`). A clip that fails, or fails the screening, is named, with the
+    reason, and no file is left. `progress` gets a line for every clip; frames are counted on stderr. Raises
+    `ValueError` or `OSError` before anything is simulated for what could not be simulated or written, and
+    for a file of a clip's name that must not be replaced.
     """
     paths = [out / job.split / f"{job.name}.h5" for job in jobs]
-    check_counts(workers, at_once)
+    check_at_once(at_once)
+    farm = LocalFarm(workers) if farm is None else farm
     _check_surface(scene)
     _check_jobs(scene, jobs, paths, settings)
     _check_folder(out)
-    with locked(out, "simulating clips"):
+    held = NAME
+    if shard is not None:
+        jobs, paths, held = shard.of(jobs), shard.of(paths), lock_name(f"shard {shard}")
+        progress(f"shard {shard}: {len(jobs)} clips")
+    with locked(out, "simulating clips", name=held):
         return _simulate_missing(
-            scene, jobs, paths, out, settings, flat, workers, device, at_once, limits, progress
+            scene, jobs, paths, out, settings, flat, farm, device, at_once, limits, progress
         )
 
 
@@ -103,7 +113,7 @@ def _simulate_missing(
     out: Path,
     settings: ClothSettings,
     flat: np.ndarray | None,
-    workers: int,
+    farm: Farm,
     device: str,
     at_once: int,
     limits: ScreenLimits,
@@ -124,13 +134,17 @@ def _simulate_missing(
         sweep(folder)  # what a run left that was killed between writing and tidying
     if not todo:
         return [outcomes[i] for i in range(len(jobs))]
-    outputs = {i: _Output(scene, jobs[i], paths[i], settings, limits, keys[i]) for i in todo}
+    outputs = {i: _Output(jobs[i], paths[i], settings, limits, keys[i]) for i in todo}
     tasks = {i: Task(jobs[i].name, jobs[i].motion, partial(_finish, outputs[i])) for i in todo}
     running = simulate_many(
-        scene, tasks, settings, flat=flat, workers=workers, device=device, at_once=at_once, progress=progress
+        scene, tasks, settings, flat=flat, farm=farm, device=device, at_once=at_once, progress=progress
     )
     began, done, total = time.perf_counter(), 0, sum(len(jobs[i].motion.root) for i in todo)
-    for i, outcome in running:
+    for i, done_one in running:
+        outcome = done_one.value
+        if done_one.error:
+            paths[i].unlink(missing_ok=True)  # one of other settings
+            outcome = Outcome(jobs[i].name, None, 0.0, None, [done_one.error], done_one.error)
         outcomes[i] = outcome
         done += len(jobs[i].motion.root)
         seconds = time.perf_counter() - began
@@ -216,9 +230,16 @@ def content_key(scene: Scene, motion: Motion, settings: ClothSettings, flat: np.
     return digest.hexdigest()[:16]
 
 
-def _finish(output: _Output, V: np.ndarray, seconds: float, machine: str) -> Outcome:
+def check_made(outcomes: Sequence[Outcome]) -> None:
+    """Raise `OSError` where a clip could not be made, for a caller that cannot do without."""
+    for outcome in outcomes:
+        if outcome.error:
+            raise OSError(f"{outcome.job}: {outcome.error}")
+
+
+def _finish(output: _Output, scene: Scene, V: np.ndarray, seconds: float, machine: str) -> Outcome:
     """Screen and write a clip that was simulated in `seconds` on `machine`."""
-    scene, job, path, settings, limits, key = output
+    job, path, settings, limits, key = output
     try:
         screen = screen_clip(scene, job.motion, V)
     except ValueError as error:

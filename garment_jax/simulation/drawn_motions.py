@@ -14,7 +14,7 @@ import numpy as np
 from garment_jax.body.crossed_motion import cross_motions
 from garment_jax.body.vary import Variation, cut, vary_motion
 from garment_jax.config import SimulationConfig
-from garment_jax.simulation.many import in_processes
+from garment_jax.farm.local import LocalFarm, in_order
 from garment_jax.structs import Motion, RiggedBody
 
 _MADE_OF = {"varied": 1, "crossed": 3}  # motions
@@ -104,7 +104,7 @@ def drawn_motions(
     check_kinds(kinds, len(motions))
     kinds = [kind for kind in kinds if kind.made_of <= len(motions)]
     draw = partial(_draw, motions=list(motions), body=body, kinds=kinds, seed=seed, longest=longest)
-    return in_processes(draw, range(count), workers)
+    return in_order(LocalFarm(workers), draw, range(count))
 
 
 def _draw(

@@ -156,7 +156,7 @@ class Checkpointer:
             if fault := self._fault(int(path.name)):
                 raise ValueError(fault)
             entries = self.metadata(int(path.name))["leaves"]
-            with _quiet(), ocp.PyTreeCheckpointer() as reader:
+            with _quiet(), _checkpointer() as reader:
                 stored = reader.restore(path.absolute() / "state") if any(map(_size, entries)) else {}
             values = [_array(entry, stored.get(_name(i))) for i, entry in enumerate(entries)]
             _check_leaves(entries, values)
@@ -213,6 +213,16 @@ def _digests(path: Path) -> dict[str, str]:
                 digest = hashlib.file_digest(opened, "sha256").hexdigest()
             found[file.relative_to(path).as_posix()] = digest
     return found
+
+
+def _checkpointer() -> ocp.Checkpointer:
+    """Return Orbax' reader and writer for this process alone: it would wait for the others."""
+    if jax.process_count() == 1:
+        return ocp.PyTreeCheckpointer()
+    here = jax.process_index()
+    alone = ocp.options.MultiprocessingOptions(primary_host=here, active_processes={here})
+    handler = ocp.PyTreeCheckpointHandler(multiprocessing_options=alone)
+    return ocp.Checkpointer(handler, multiprocessing_options=alone)
 
 
 def _say(text: str) -> None:
@@ -322,7 +332,7 @@ def _write(partial: Path, leaves: list[dict[str, Any]], description: Mapping[str
     partial.mkdir()
     values = {_name(i): leaf["value"] for i, leaf in enumerate(leaves) if _size(leaf)}
     if values:
-        with ocp.PyTreeCheckpointer() as writer:
+        with _checkpointer() as writer:
             writer.save(partial.absolute() / "state", values)
     with open(partial / "metadata.json", "w", encoding="utf-8") as file:
         json.dump(description, file, indent=1)

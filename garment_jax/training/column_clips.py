@@ -12,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
+from garment_jax.dataset.batches import ALL
 from garment_jax.dataset.lanes import LaneWindow
 from garment_jax.dataset.prepared import DataSet, PreparedClip, frames_of
 from garment_jax.dataset.template import ColumnTables
+from garment_jax.farm.local import LocalFarm, in_order
 from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import cells_of
 from garment_jax.model.column_rnn.train_step import ColumnBatch
-from garment_jax.simulation.many import in_processes
 from garment_jax.structs import ColumnFrame
 
 CHUNK = 256  # frames of a clip whose cells are found at a time
@@ -39,9 +40,8 @@ def column_clips(
 ) -> list[ColumnClip]:
     """Return clips, mirror images among them, as the ring learns them."""
     # without all clips, for each of which it may go to another process
-    return in_processes(
-        partial(_column_clip, data=data._replace(train=[], validation=[]), tables=tables), clips, workers
-    )
+    cut = partial(_column_clip, data=data._replace(train=[], validation=[]), tables=tables)
+    return in_order(LocalFarm(workers), cut, clips)
 
 
 def _column_clip(clip: PreparedClip, *, data: DataSet, tables: ColumnTables) -> ColumnClip:
@@ -54,9 +54,17 @@ def _column_clip(clip: PreparedClip, *, data: DataSet, tables: ColumnTables) -> 
 
 
 def batches(
-    clips: Sequence[ColumnClip], schedule: Sequence[LaneWindow], rest: np.ndarray, window: int
+    clips: Sequence[ColumnClip],
+    schedule: Sequence[LaneWindow],
+    rest: np.ndarray,
+    window: int,
+    *,
+    rows: slice = ALL,
 ) -> Callable[[int], ColumnBatch]:
-    """Return step -> the frames that every lane sees in its window; cells hang at `rest` before a clip."""
+    """Return step -> the frames that the lanes `rows` see in their windows.
+
+    Before a clip cells hang at `rest`.
+    """
     leaves = (jnp.asarray(np.concatenate(leaf)) for leaf in zip(*(c.frames for c in clips), strict=True))
     whole = ColumnClip(ColumnFrame(*leaves), jnp.asarray(np.concatenate([clip.X for clip in clips])))
     first = np.concatenate([[0], np.cumsum([len(clip.X) for clip in clips])])
@@ -69,7 +77,7 @@ def batches(
         return *jax.tree.map(lambda leaf: leaf[which], clips), X_start
 
     def batch_at(step: int) -> ColumnBatch:
-        lanes = schedule[step]
+        lanes = schedule[step].part(rows)
         begins = lanes.start == 0
         frames, X_star, X_start = cut(whole, first[lanes.clip] + lanes.start, begins)
         return ColumnBatch(frames, X_star, lanes.fresh, X_start, lanes.fresh & ~begins)

@@ -12,7 +12,7 @@ from garment_jax.dataset.template import ColumnTables
 from garment_jax.model.column_rnn.network import at_rest, init_column_rnn
 from garment_jax.model.column_rnn.rollout import make_column_rollout, roll_clip
 from garment_jax.model.column_rnn.tables import make_column_tables
-from garment_jax.model.column_rnn.train_step import make_column_train_step
+from garment_jax.model.column_rnn.train_step import ColumnBatch, make_column_train_step
 from garment_jax.training.column_clips import CHUNK, batches, column_clips
 from garment_jax.training.pretrained import has_part, load_pretrained, other_ring
 from garment_jax.training.run import Run, optimise, say
@@ -43,7 +43,7 @@ def train_column_rnn(run: Run) -> dict:
         "column_rnn",
         params,
         partial(make_column_train_step, tables, config),
-        batches(clips, schedule, tables.rest, config.window),
+        batches(clips, schedule, tables.rest, config.window, rows=run.devices.rows(config.lanes)),
         steps=config.steps,
         learning_rate=config.learning_rate,
         weight_decay=config.weight_decay,
@@ -51,6 +51,7 @@ def train_column_rnn(run: Run) -> dict:
         frames_per_step=config.lanes * config.window,
         carry=jax.tree.map(jnp.array, at_rest(tables, (config.lanes,), config=config)),
         validate=_validation(run, tables),
+        axes=ColumnBatch(1, 1, 0, 0, 0),  # pyright: ignore[reportArgumentType]
     )
 
 

@@ -37,12 +37,14 @@ def train_detail(run: Run, generative: dict, motion: dict) -> dict:
 
     # a rollout's first frames are still on their way from the skinned template: nothing to learn there
     first = run.config.motion.grace if config.source == "rollout" else 0
+    rows = run.devices.rows(config.batch)
 
     def batch_at(step: int) -> DetailBatch:
         rng = np.random.default_rng([training.seed + 30, step])
         lengths = np.array([len(z) for z in Z])
         clips = rng.choice(len(Z), config.batch, p=lengths / lengths.sum())
         frames = [int(rng.integers(min(first, lengths[c] - 1), lengths[c])) for c in clips]
+        clips, frames = clips[rows], frames[rows]
         latents = np.stack([Z[c][f] for c, f in zip(clips, frames, strict=True)])
         truth = [
             targets_of(run.data.train[c], np.array([f]), run.data)[0]
@@ -82,7 +84,8 @@ def _latents(run: Run, generative: dict, motion: dict) -> list[np.ndarray]:
             return _rollout_codes(run, {"generative": generative, "motion": motion}, progress)
 
     lengths = [len(clip.V) for clip in run.data.train]
-    return cached_list(run.folder / "cache" / "rollout_codes.npz", rolled_out, lengths)
+    path = run.folder / "cache" / "rollout_codes.npz"
+    return run.devices.after_first(lambda: cached_list(path, rolled_out, lengths))
 
 
 def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.ndarray]:

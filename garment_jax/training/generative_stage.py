@@ -24,12 +24,13 @@ START_FRAMES = 2_400  # frames whose principal components the model begins from
 def train_generative(run: Run) -> dict:
     """Return the trained parameters; goes on from the newest checkpoint."""
     config, seed = run.config.generative, run.config.training.seed
+    rows = run.devices.rows(config.batch)
     return optimise(
         run,
         "generative",
         begin_generative(run),
         partial(make_generative_train_step, run.template, config),
-        lambda step: GenerativeBatch(*random_frames(run.data, config.batch, seed=seed, step=step)),
+        lambda step: GenerativeBatch(*random_frames(run.data, config.batch, seed=seed, step=step, rows=rows)),
         steps=config.steps,
         learning_rate=config.learning_rate,
         weight_decay=config.weight_decay,

@@ -15,7 +15,8 @@ CHUNK = 64  # frames
 def true_latents(run: Run, generative: dict) -> list[np.ndarray]:
     """Return Z* `[t, latent]` of every training clip, mirror images included; cached in the run's folder."""
     lengths = [len(clip.V) for clip in run.data.train]
-    return cached_list(run.folder / "cache" / "true_latents.npz", lambda: _encoded(run, generative), lengths)
+    path = run.folder / "cache" / "true_latents.npz"
+    return run.devices.after_first(lambda: cached_list(path, lambda: _encoded(run, generative), lengths))
 
 
 def _encoded(run: Run, generative: dict) -> list[np.ndarray]:

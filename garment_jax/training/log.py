@@ -6,6 +6,7 @@ One process writes; a resumed run first cuts what the lost steps had written.
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -20,15 +21,15 @@ class RunLog:
     """Appends to `run_dir/log.jsonl`; each line is on disk's side of the process when `write` returns.
 
     `tensorboard=True` writes the same values to run_dir/tensorboard/STAGE as well and needs the
-    package tensorboardX (extra `tensorboard`); ValueError if it is missing.
+    package tensorboardX (extra `tensorboard`); ValueError if it is missing. `silent` writes nothing.
     """
 
-    def __init__(self, run_dir: str | Path, *, tensorboard: bool = False) -> None:
-        self.path = Path(run_dir) / FILE_NAME
+    def __init__(self, run_dir: str | Path, *, tensorboard: bool = False, silent: bool = False) -> None:
+        self.path, self._silent = Path(run_dir) / FILE_NAME, silent
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._writers: dict[str, Any] = {}
-        self._writer_class = _tensorboard_writer() if tensorboard else None
-        self._file = open(self.path, "a", encoding="utf-8")  # noqa: SIM115 (closed by close)
+        self._writer_class = _tensorboard_writer() if tensorboard and not silent else None
+        self._file = open(os.devnull if silent else self.path, "a", encoding="utf-8")  # noqa: SIM115 (closed by close)
 
     def write(
         self, stage: str, step: int, values: Mapping[str, float], *, kind: str = "train", seconds: float = 0.0
@@ -44,6 +45,8 @@ class RunLog:
 
     def truncate(self, stage: str, step: int) -> None:
         """Drop the stage's lines after `step`, and a last line that a kill left torn."""
+        if self._silent:
+            return
         self._file.close()
         kept = [line for line, entry in _lines(self.path) if entry["stage"] != stage or entry["step"] <= step]
         write_text(self.path, "".join(kept))

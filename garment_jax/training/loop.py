@@ -20,6 +20,7 @@ import numpy as np
 
 from garment_jax.progress import FrameProgress, duration
 from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.log import RunLog, read_log
 
 _AHEAD = 2  # batches made in advance
@@ -53,6 +54,7 @@ def run_stage(
     validate_every: int = 0,
     log_every: int = 20,
     frames_per_step: int = 0,
+    devices: Devices = ONE,
 ) -> Any:
     """Run `steps` steps from the newest checkpoint, or from `state`, and return the last state.
 
@@ -62,15 +64,18 @@ def run_stage(
     checkpoint_every steps; 0: by time alone, looked at every `log_every` steps
     validate_every   steps; 0: only after the last step, if there is a `validate`
     frames_per_step  for the progress line's speed; 0 shows steps a second
+    devices          what `batch_at` puts its batches on; several processes stop, and look at the time, at
+                     log lines alone, where they agree
 
     Metrics are logged as means over the steps since the last line, so that the device is waited
     for only every `log_every` steps. DivergedError, StoppedError, OSError (disk full) as named.
     """
-    state, done, seconds = _resume(name, state, steps, checkpointer)
+    state, done, seconds = _resume(name, state, steps, checkpointer, devices)
     if done >= steps:
         return state
+    step_fn = devices.step(step_fn, state)
     logger.truncate(name, done)
-    watch = _LossWatch(name, checkpointer, logger)
+    watch = _LossWatch(name, checkpointer, logger, devices)
     clock = _Clock(seconds)
     progress = FrameProgress(name, unit="steps", start=done, frames_per_step=frames_per_step)
     window: list[Mapping[str, Any]] = []
@@ -80,9 +85,14 @@ def run_stage(
         for step, batch in enumerate(batches, start=done + 1):
             state, metrics = step_fn(state, batch)
             window.append(metrics)
-            stop = bool(signals)  # read once: a signal that comes later is seen after the next step
+            if devices.blocking:
+                jax.block_until_ready(metrics)
             last = step == steps
-            at_log = _due(step, log_every, last or stop)
+            devices.made_step(more=not last)
+            at_log = _due(step, log_every, last)
+            # read once: a signal that comes later is seen after the next step
+            stop = (at_log or devices.peers is None) and devices.any(bool(signals))
+            at_log = at_log or stop
             if step == done + 1 and not at_log:
                 progress.begin(step)  # which waited for its program
             if at_log:
@@ -92,13 +102,17 @@ def run_stage(
                 window = []
             if validate and _due(step, validate_every, last):
                 progress.clear()
-                logger.write(name, step, validate(state), kind="validation", seconds=clock.total())
-            late = at_log and clock.since_saved() >= checkpoint_seconds
+                if devices.first:
+                    found = validate(devices.local(state))
+                    logger.write(name, step, found, kind="validation", seconds=clock.total())
+            late = at_log and devices.of_first(clock.since_saved() >= checkpoint_seconds)
             if late or _due(step, checkpoint_every, last or stop):
                 watch.means(window, step)
-                checkpointer.save(step, state, extra={"seconds": clock.total()})
+                whole = devices.whole(state)
+                if devices.first:
+                    checkpointer.save(step, whole, extra={"seconds": clock.total()})
                 clock.saved()
-            if stop or (last and signals):
+            if stop or (last and devices.any(bool(signals))):
                 progress.clear()
                 print(f"{name}: stopped and saved at step {step}; the same command goes on", file=sys.stderr)
                 raise StoppedError(130)
@@ -106,15 +120,21 @@ def run_stage(
     return state
 
 
-def _resume(name: str, state: Any, steps: int, checkpointer: Checkpointer) -> tuple[Any, int, float]:
-    """The state to begin with, the steps that it has behind it and the seconds they took."""
-    done = checkpointer.latest()
-    if done is None:
-        return state, 0, 0.0
-    seconds = float(checkpointer.metadata(done)["extra"].get("seconds", 0.0))
-    how = "complete, nothing to do" if done >= steps else "goes on"
-    print(f"{name}: {done} of {steps} steps are done; {how}", file=sys.stderr)
-    return checkpointer.restore(state, step=done), done, seconds
+def _resume(
+    name: str, state: Any, steps: int, checkpointer: Checkpointer, devices: Devices
+) -> tuple[Any, int, float]:
+    """The state to begin with, the steps that it has behind it and the seconds they took.
+
+    Process 0 reads it and gives it to the others.
+    """
+    done, seconds = checkpointer.latest() if devices.first else None, 0.0
+    if done is not None:
+        seconds = float(checkpointer.metadata(done)["extra"].get("seconds", 0.0))
+        how = "complete, nothing to do" if done >= steps else "goes on"
+        print(f"{name}: {done} of {steps} steps are done; {how}", file=sys.stderr)
+        state = checkpointer.restore(state, step=done)
+    done, seconds = devices.of_first([done or 0, seconds])
+    return devices.spread(state), done, seconds
 
 
 def _due(step: int, every: int, last: bool) -> bool:
@@ -141,10 +161,11 @@ class _Clock:
 class _LossWatch:
     """Fetches a stage's metrics and raises `DivergedError` for a loss that has gone bad."""
 
-    def __init__(self, name: str, checkpointer: Checkpointer, logger: RunLog) -> None:
+    def __init__(self, name: str, checkpointer: Checkpointer, logger: RunLog, devices: Devices) -> None:
         self._name, self._checkpointer = name, checkpointer
         entries = read_log(logger.path.parent, stage=name, kind="train")
-        self._seen = [entry["loss"] for entry in entries if entry["loss"] is not None]
+        # the same for all processes, so that they end together
+        self._seen = devices.of_first([entry["loss"] for entry in entries if entry["loss"] is not None])
 
     def means(self, window: list[Mapping[str, Any]], step: int) -> dict[str, float]:
         """Return the window's mean metrics on the host, `step` its last step; waits for the device."""

@@ -70,13 +70,14 @@ def linear_garment(run: Run, Z: list[np.ndarray]) -> LinearGarment:
 def _warm_up(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> dict:
     config, seed = run.config.motion, run.config.training.seed
     linear, n = linear_garment(run, Z), len(run.template.T)
+    rows = run.devices.rows(config.warm_up_lanes)
     lanes_at = lane_schedule(
         run.data, config, lanes=config.warm_up_lanes, steps=config.warm_up_steps, seed=seed + 10
     )
     pooled = jax.jit(lambda V: pooled_map(V, run.template))
 
     def batch_at(step: int) -> WarmUpBatch:
-        lanes = lanes_at[step]
+        lanes = lanes_at[step].part(rows)
         start = np.asarray(pooled(lane_starts(run.data, lanes, run.skinned, n)))
         return WarmUpBatch(
             lane_inputs(run.data, lanes, config.window),
@@ -99,15 +100,17 @@ def _warm_up(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> d
         frames_per_step=config.warm_up_lanes * config.window,
         carry=empty_warm_up_carry(config.warm_up_lanes, linear, config),
         validate=_validation(run, generative),
+        axes=WarmUpBatch(1, 1, 1, 0, 0),  # pyright: ignore[reportArgumentType]
     )
 
 
 def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) -> dict:
     config, seed, n = run.config.motion, run.config.training.seed, len(run.template.T)
     lanes_at = lane_schedule(run.data, config, lanes=config.lanes, steps=config.steps, seed=seed + 20)
+    rows = run.devices.rows(config.lanes)
 
     def batch_at(step: int) -> MotionBatch:
-        lanes = lanes_at[step]
+        lanes = lanes_at[step].part(rows)
         return MotionBatch(
             lane_inputs(run.data, lanes, config.window),
             lane_vertices(run.data, lanes, config.window),
@@ -130,6 +133,7 @@ def _full_loop(run: Run, params: dict, generative: dict, Z: list[np.ndarray]) ->
         frames_per_step=config.lanes * config.window,
         carry=empty_carry(config.lanes, n, config),
         validate=_validation(run, generative),
+        axes=MotionBatch(1, 1, 1, 1, 0, 0),  # pyright: ignore[reportArgumentType]
     )
 
 

@@ -1,17 +1,28 @@
 """The stages in order, and the model that a run has reached: the work of `train.py`."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import jax
 
-from garment_jax.config import Config, current, current_names, to_dict
+from garment_jax.config import Config, current, current_names, to_dict, to_toml
 from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
 from garment_jax.model.store import Model, from_metadata, load_model
+from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
+
+# By the name of a stage's checkpoints: how many lanes, or frames, its batch has
+BATCHES = {
+    "generative": "generative.batch",
+    "warm_up": "motion.warm_up_lanes",
+    "motion": "motion.lanes",
+    "detail": "detail.batch",
+    "column_rnn": "column_rnn.lanes",
+}
 
 
 def train(
@@ -21,11 +32,13 @@ def train(
     data_dir: str | Path,
     stage: str = "all",
     tensorboard: bool = False,
+    devices: Devices = ONE,
 ) -> Path:
     """Train `stage` ("all" or one of `STAGES`) in `run_dir` and return it; goes on where it stopped.
 
-    Raises `ValueError` for an unknown stage, one whose predecessor is not trained, or settings that do not
-    go together, and `OSError` where another process trains there.
+    `devices` share every batch (default: one); several processes call this together. Raises `ValueError` for
+    batches that cannot be shared evenly, for an unknown stage, one whose predecessor is not trained, or
+    settings that do not go together, and `OSError` where another process trains there.
     """
     # optimisers and checkpoints take a second to import, and a saved model needs neither
     from garment_jax.model.column_rnn.tables import has_ring, make_column_tables
@@ -36,16 +49,18 @@ def train(
     from garment_jax.training.run import open_run, say
 
     stage = current(stage)
+    devices.check_same("this process' configuration or --stage", [to_toml(config), stage])
     if stage not in ("all", *STAGES):
         raise ValueError(f"--stage {stage!r} is unknown; choose all, {', '.join(STAGES)}.")
     if stage == "column_rnn" and not config.column_rnn.steps:
         raise ValueError("column_rnn.steps = 0 leaves the column RNN out; give --column_rnn.steps a number.")
     _check_steps(config, stage)
     last = STAGES.index("column_rnn" if stage == "all" else stage)
-    if stage in STAGES[:3]:
+    if stage in STAGES[:3] and devices.first:
         _check_predecessors(config, Path(run_dir), STAGES[:last])
 
     steps = _steps_by_stage(config, stage)
+    devices.check_batches({BATCHES[name]: _value(config, BATCHES[name]) for name in steps})
     windows = {name: getattr(config, name).window for name in ("motion", "column_rnn") if name in steps}
 
     def check(data: DataSet) -> None:  # what would be refused after hours
@@ -54,7 +69,7 @@ def train(
         if stage == "column_rnn":
             make_column_tables(data.scene, config=config.column_rnn)
 
-    with run_lock(run_dir):
+    with run_lock(run_dir) if devices.first else nullcontext():
         run = open_run(
             config,
             run_dir,
@@ -62,6 +77,7 @@ def train(
             tensorboard=tensorboard,
             check=check,
             unposed="generative" in steps,
+            devices=devices,
         )
         with run.log:
             if stage != "column_rnn":  # which needs none of the others
@@ -76,6 +92,11 @@ def train(
                 else:
                     say("column_rnn: left out, since this garment hangs on no ring of pins")
     return run.folder
+
+
+def _value(config: Config, key: str) -> int:
+    section, _, name = key.partition(".")
+    return getattr(getattr(config, section), name)
 
 
 def _check_steps(config: Config, stage: str) -> None:

@@ -21,6 +21,7 @@ from garment_jax.storage.scratch import sweep
 from garment_jax.structs import TrainState
 from garment_jax.training.average import with_average
 from garment_jax.training.checkpoint import Checkpointer
+from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.log import RunLog
 from garment_jax.training.loop import StepFn, run_stage
 from garment_jax.training.optimiser import make_optimiser
@@ -50,6 +51,7 @@ class Run(NamedTuple):
     template: Template
     skinned: Callable[..., jax.Array]  # (R_seed, t_seed) -> skinned template, networks' frame
     log: RunLog
+    devices: Devices = ONE
 
 
 def open_run(
@@ -61,15 +63,34 @@ def open_run(
     more_facts: Mapping[str, Any] | None = None,
     check: Callable[[DataSet], None] | None = None,
     unposed: bool = True,
+    devices: Devices = ONE,
 ) -> Run:
     """Prepare the data (simulated first where that is asked for; cached in the run's folder); open the run.
 
     `more_facts` are values of JSON that must stay as well, beside configuration, garment and data set.
     `check` refuses data, the recorded clips alone, before the folder belongs to a configuration that does not
-    fit them; `unposed` as in `prepare`. Raises
-    `ValueError` for a folder that belongs to others, and as `find_beginning`.
+    fit them; `unposed` as in `prepare`. Of several processes the first prepares and writes, the others read.
+    Raises `ValueError` for a folder that belongs to others, for processes that read other clips than the
+    first, and as `find_beginning`.
     """
-    folder, simulating = Path(folder), config.simulation.clips > 0
+    opened = devices.after_first(
+        lambda: _opened(config, Path(folder), data_dir, tensorboard, more_facts, check, unposed, devices)
+    )
+    devices.check_same(f"the content of {data_dir}", opened.data.content)
+    return opened
+
+
+def _opened(
+    config: Config,
+    folder: Path,
+    data_dir: str | Path,
+    tensorboard: bool,
+    more_facts: Mapping[str, Any] | None,
+    check: Callable[[DataSet], None] | None,
+    unposed: bool,
+    devices: Devices,
+) -> Run:
+    simulating = config.simulation.clips > 0
     if simulating:
         check_simulation(config.simulation)
     with open_sequence(training_clips(data_dir, config.data.validation)[0]) as first:
@@ -92,19 +113,22 @@ def open_run(
         check(data)
     if simulating:
         check_motions(config.simulation, data)
-    prepare_run(folder, config, facts=facts | {"data": data.content})
+    if devices.first:
+        prepare_run(folder, config, facts=facts | {"data": data.content})
     if simulating:
         more = make_simulated_clips(data, config, folder, say=say)
         data = prepare(data_dir, config, folder / CACHE, more=more, unposed=unposed)
         _check_begun_with(folder, clips, data.content)
-        prepare_run(folder, config, facts=facts | {"simulated": data.content})
+        if devices.first:
+            prepare_run(folder, config, facts=facts | {"simulated": data.content})
     if beginning is not None:
         data = data._replace(statistics=beginning.statistics)
     if not (folder / SCENE).is_file():  # so that what is saved of the run animates without its clips
         write_sample(folder, sample)
     template = scene_template(data.scene, data.statistics, config)
     skinned = make_start(template, data.seeds, config.body.tau)
-    return Run(config, folder, data, template, skinned, RunLog(folder, tensorboard=tensorboard))
+    log = RunLog(folder, tensorboard=tensorboard, silent=not devices.first)
+    return Run(config, folder, data, template, skinned, log, devices)
 
 
 def _check_begun_with(folder: Path, clips: Path, content: str) -> None:
@@ -149,15 +173,17 @@ def optimise(
     carry: Any = (),
     validate: Callable[[dict], Mapping[str, float]] | None = None,
     players: Callable[[optax.GradientTransformation], optax.GradientTransformation] | None = None,
+    axes: Any = 0,
 ) -> dict:
     """Train one stage from `params` and return its parameters; goes on from the newest checkpoint.
 
     make_step  optimiser -> (`TrainState`, batch) -> (state, metrics), which may donate the state
-    batch_at   as in `run_stage`
+    batch_at   as in `run_stage`; of several processes each makes its own `run.devices.rows`
     seed       of the state's key
     carry      recurrent state that the first step begins with
     validate   parameters -> figures, every `training.validate_every` steps
     players    the optimiser of all parameters, out of that of one player
+    axes       of a batch's leaves: which one counts lanes, or frames, and is split over devices
 
     With `training.average` the parameters that are returned, validated and stored are a mean.
     """
@@ -172,7 +198,7 @@ def optimise(
         stage,
         state,
         step_fn,
-        batch_at,
+        lambda step: run.devices.put(batch_at(step), axes),
         steps=steps,
         checkpointer=checkpointer(run, stage),
         logger=run.log,
@@ -181,8 +207,9 @@ def optimise(
         validate_every=training.validate_every,
         log_every=training.log_every,
         frames_per_step=frames_per_step,
+        devices=run.devices,
     )
-    return last.params
+    return run.devices.local(last.params)
 
 
 def say(text: str) -> None:

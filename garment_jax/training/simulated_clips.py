@@ -36,7 +36,7 @@ def make_simulated_clips(
     Raises `ValueError` as `check_simulation`, where no clip passes and for a folder of clips that were drawn
     otherwise, and `OSError` where they would not find room.
     """
-    from garment_jax.simulation.clips import Job, simulate_clips
+    from garment_jax.simulation.clips import Job, check_made, simulate_clips
 
     out, wanted = clips_folder(config.simulation, folder), config.simulation
     recorded = [clip.motion for clip in data.train if not clip.mirrored]
@@ -63,6 +63,7 @@ def make_simulated_clips(
         data.scene, jobs, out, settings,
         flat=flat, workers=wanted.workers, device=wanted.device, at_once=wanted.at_once, progress=say,
     )  # fmt: skip
+    check_made(outcomes)
     known.kept = [outcome.job for outcome in outcomes if outcome.path is not None]
     known.left_out |= {outcome.job: outcome.faults for outcome in outcomes if outcome.path is None}
     if not known.kept:

@@ -15,6 +15,7 @@ import pytest
 import garment_jax as gj
 from garment_jax.animation.variants import without_lengths
 from garment_jax.config import to_toml
+from garment_jax.farm.work import Outcome
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import save_model
 from tests.animation.tiny_model import CONFIG, SCENE, tiny_model
@@ -53,7 +54,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     def simulated(scene, tasks, settings, **options):
         for i, task in tasks.items():
-            yield i, task.finish(make_vertices(scene, task.motion), 1.0, "a machine")
+            yield i, Outcome(task.finish(scene, make_vertices(scene, task.motion), 1.0, "a machine"))
 
     monkeypatch.setattr("garment_jax.simulation.clips.simulate_many", simulated)
     monkeypatch.setattr("garment_jax.training.pipeline.train", trained)

@@ -6,13 +6,15 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from garment_jax.bench import runner
-from garment_jax.bench.plan import Job
+from garment_jax.bench import runner, worker
+from garment_jax.bench.plan import Job, Plan
 from garment_jax.bench.worker import job_told, make_plan, told_job
+from garment_jax.farm.work import Outcome, Work
 from tests.bench.made import TEXT, finish, write_benchmark
 
 QUIET = {"show": lambda text: None}
@@ -159,3 +161,60 @@ def test_a_worker_refuses_in_one_sentence(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("error: ")
     assert "Traceback" not in done.stderr
+
+
+class AtOnce:
+    """A farm whose jobs are done at once, in an order of its own; it notes what it was given together."""
+
+    workers = 3
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.rounds = plan, []
+
+    def __enter__(self) -> "AtOnce":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def here(self, jobs: int) -> bool:
+        return False
+
+    def map(self, work: Work, jobs: dict[Path, Job]) -> Iterator[tuple[Path, Outcome]]:
+        self.rounds.append(list(jobs.values()))
+        for key, job in reversed(jobs.items()):
+            if job.row == "skinned_template":
+                yield key, Outcome(None, "the disk is full.")
+            else:
+                finish(self.plan, job)
+                yield key, Outcome(1.0)
+
+
+def test_a_farm_does_what_is_ready_at_once_and_times_are_measured_after_it(
+    bench: tuple[Path, list[Job]], tmp_path: Path
+) -> None:
+    path, done = bench
+    told = runner._told(path, None, None, quick=False, only=())
+    farm, said = AtOnce(make_plan(told)), []
+    assert runner.benchmark(path, farm=farm, show=said.append) == 1
+    assert any("train skinned_template" in line and "failed: the disk is full." in line for line in said)
+    at_once = [job for jobs in farm.rounds for job in jobs]
+    assert len({job.done for job in at_once}) == len(at_once)
+    assert {job.kind for job in at_once} == {"train", "roll", "latent"}
+    assert {job.kind for job in done} == {"time", "simulate"}
+    trained: set[str] = set()
+    for jobs in farm.rounds:
+        assert all(job.kind == "train" or job.run in trained for job in jobs)
+        trained |= {job.run for job in jobs if job.kind == "train"}
+    rest = next(iter(make_plan(told).settings.search.methods))
+    first = [job for job in farm.rounds[0] if make_plan(told).loaded.row(job.row).method == rest]
+    assert {job.rate for job in first} == set(make_plan(told).settings.search.factors)  # the search alone
+
+
+def test_a_farms_job_is_refused_with_the_last_words_of_its_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = "import sys; print('error: no room.', file=sys.stderr); sys.exit(2)"
+    monkeypatch.setattr(worker, "WORKER", (sys.executable, "-c", program))
+    with pytest.raises(ValueError, match=r"^no room\. \(exit code 2\)$"):
+        worker.work_there({}, job(tmp_path))

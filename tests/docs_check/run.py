@@ -41,6 +41,7 @@ LEFT_OUT = {  # words that a command has, and why it is not run here
     "stability": "minutes; tests/stability runs its groups",
     "embedded": "minutes; make demo does what it does",
     "cuda": "needs a GPU",
+    "--coordinator": "needs several processes; tests/training/test_devices.py has them",
     "cloth/*.abc": "needs Blender",
     "FLAT": "needs a garment's sewing pattern",
     "smplh.npz": "needs a licensed body",

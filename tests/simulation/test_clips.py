@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from garment_jax import progress
+from garment_jax.farm.shard import Shard
 from garment_jax.io.sequence import open_sequence
-from garment_jax.simulation.clips import ENGINE, Job, content_key, simulate_clips
+from garment_jax.simulation.clips import ENGINE, Job, check_made, content_key, simulate_clips
 from garment_jax.simulation.screening import ScreenLimits
 from garment_jax.simulation.settings import ClothSettings
+from garment_jax.storage.lock import lock_name, locked
 from garment_jax.structs import Scene
 from tests.reference.scene import make_motion, make_scene, write_clip
 
@@ -234,10 +236,10 @@ def test_the_key_changes_with_everything_a_clip_depends_on(scene, jobs):
 WORKER = """
 import multiprocessing, os, time
 from concurrent.futures import ProcessPoolExecutor
-from garment_jax.simulation.many import _end_with_parent
+from garment_jax.farm.local import end_with_parent
 if __name__ == "__main__":
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_end_with_parent) as pool:
+    with ProcessPoolExecutor(1, mp_context=context, initializer=end_with_parent) as pool:
         print(pool.submit(os.getpid).result(), flush=True)
         pool.submit(time.sleep, 600).result()
 """
@@ -257,3 +259,46 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path):
         time.sleep(0.1)
     os.kill(worker, signal.SIGKILL)
     pytest.fail("the worker went on")
+
+
+def test_shards_beside_each_other_are_the_whole(tmp_path: Path, scene, jobs):
+    pytest.importorskip("newton")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    simulate_clips(scene, jobs, whole, SETTINGS, limits=LOOSE, progress=lambda _: None)
+    with locked(parts, "simulating clips", name=lock_name(f"shard {Shard(2, 3)}")):  # another process' part
+        first = simulate_clips(
+            scene, jobs, parts, SETTINGS, limits=LOOSE, shard=Shard(1, 3), progress=lambda _: None
+        )
+        with pytest.raises(OSError, match="is simulating clips"):
+            simulate_clips(scene, jobs, parts, SETTINGS, shard=Shard(2, 3), progress=lambda _: None)
+    rest = [
+        simulate_clips(scene, jobs, parts, SETTINGS, limits=LOOSE, shard=Shard(k, 3), progress=lambda _: None)
+        for k in (2, 3)
+    ]
+    assert [[outcome.job for outcome in done] for done in (first, *rest)] == [["one"], ["two"], []]
+    for name in ("train/one.h5", "test/two.h5"):
+        assert (whole / name).read_bytes() == (parts / name).read_bytes()
+
+
+def test_a_clip_that_cannot_be_made_is_named_and_the_others_are_there(
+    tmp_path: Path, scene, jobs, monkeypatch
+):
+    pytest.importorskip("newton")
+    from garment_jax.simulation import newton_cloth
+
+    simulated = newton_cloth.simulate_frames
+
+    def full(scene, motion, *arguments, **options):
+        if len(motion.root) == 8:
+            raise OSError("the disk is full.")
+        return simulated(scene, motion, *arguments, **options)
+
+    monkeypatch.setattr(newton_cloth, "simulate_frames", full)
+    lines: list[str] = []
+    made, failed = simulate_clips(scene, jobs, tmp_path, SETTINGS, limits=LOOSE, progress=lines.append)
+    assert made.path is not None
+    assert made.path.exists()
+    assert (failed.path, failed.error) == (None, "the disk is full.")
+    assert any("two: 8 frames" in line and "left out: the disk is full." in line for line in lines)
+    with pytest.raises(OSError, match=r"^two: the disk is full"):
+        check_made([made, failed])
