@@ -122,9 +122,10 @@ def _halved(ways: csr_matrix, depth: int) -> list[np.ndarray]:
 
     Along the cloth: a template that hangs in folds has its layers in parts of their own.
     """
-    parts = [np.arange(ways.shape[0])]
+    count = len(ways.indptr) - 1
+    parts = [np.arange(count)]
     for _ in range(depth):
-        of = np.empty(ways.shape[0], np.int64)
+        of = np.empty(count, np.int64)
         for k, own in enumerate(parts):
             of[own] = k
         pairs = ways.tocoo()

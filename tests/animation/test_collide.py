@@ -33,6 +33,7 @@ ADDED = {
     "collision_penetrating_before",
     "collision_pierced_bones",
     "collision_pop_mm",
+    "collision_self_crossings",
     "collision_steps",
 }
 
