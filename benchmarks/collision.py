@@ -162,6 +162,7 @@ def spheres(count: int) -> Clip:
         options=CollisionOptions(eps=CollisionConfig.eps),
         crossings=None,
         strain=None,
+        untangle=None,
     )
     V, body = jax.tree.map(lambda x: x.astype(np.float32), (V, body))
     return Clip(V, body, tables)

@@ -49,6 +49,7 @@ def collide_file(
     eps: float = CollisionConfig.eps,
     iterations: int = CollisionConfig.iterations,
     limbs: bool = CollisionConfig.limbs,
+    untangle: bool = CollisionConfig.untangle,
     force: bool = False,
     store: ProgramStore | None = None,
 ) -> Report:
@@ -56,11 +57,12 @@ def collide_file(
 
     The collider is that of the scene, or with `whole_body` all of its body. `body` names another
     sequence file of as many frames, whose moving body takes the place of the sequence's own, or a rigged
-    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With
-    `limbs` what a limb has passed through is put back on its side first (`undo_crossings`). Pinned vertices
-    stay where the sequence has them. Attributes, encoding and per-frame data are kept;
-    `extra/collision_...` are added. `store` keeps the compiled program between runs. Raises `ValueError` or
-    `OSError` in one sentence; so for an `out` that is there, without `force`.
+    body (`.npz`), which follows the sequence's motion and is taken whole. `eps` in metres. With `limbs` what
+    a limb has passed through is put back on its side first (`undo_crossings`); with `untangle` crossings of
+    the garment with itself are undone, too. Pinned vertices stay where the sequence has them. Attributes,
+    encoding and per-frame data are kept; `extra/collision_...` are added. `store` keeps the compiled program
+    between runs. Raises `ValueError` or `OSError` in one sentence; so for an `out` that is there, without
+    `force`.
     """
     _check_settings(eps, iterations)
     _check_paths(Path(path), Path(out), body, force)
@@ -81,7 +83,7 @@ def collide_file(
         pieces: list[FrameFigures] = []
         with FrameProgress(sequence.name) as progress, writer:
             progress.say("compiling")
-            for start, V, piece in _resolved(sequence, solid, options, limbs, store):
+            for start, V, piece in _resolved(sequence, solid, options, limbs, untangle, store):
                 writer.append(V)
                 pieces.append(piece)
                 progress(start + len(V), sequence.frames)
@@ -105,6 +107,8 @@ def summary(report: Report) -> list[str]:
     ]
     if pierced.any():
         lines.append(f"{_frames(pierced)}: a limb ran through the cloth, put back where its side was known.")
+    if (tangled := np.asarray(f.self_crossings) > 0).any():
+        lines.append(f"{_frames(tangled)}: the garment still goes through itself.")
     for outcome in np.unique(f.outcome[short]):
         lines.append(f"{_frames(np.asarray(f.outcome) == outcome)}: {MESSAGES[Outcome(int(outcome))]}")
     return lines
@@ -148,6 +152,7 @@ def _resolved(
     solid: Solid,
     options: CollisionOptions,
     limbs: bool,
+    untangle: bool,
     store: ProgramStore | None,
 ) -> Iterator[tuple[int, np.ndarray, FrameFigures]]:
     """Yield `(start, V [k, n, 3] world metres, figures)` by windows, each after the last one's contacts."""
@@ -157,7 +162,7 @@ def _resolved(
     bones = limbs_of(scene.body, solid.collider) if limbs else None
     laplacian = uniform_table(garment.faces, len(garment.template))
     tables = make_contact_tables(
-        garment, laplacian, solid.collider, scene.body, held, limbs=bones, options=options
+        garment, laplacian, solid.collider, scene.body, held, limbs=bones, options=options, untangle=untangle
     )
     carried, state = carried_points(scene, collider=True, limbs=bones), None
     shapes = chunk_shapes(garment, carried, WINDOW, pins=len(held))

@@ -115,11 +115,20 @@ def _detail(
 def _collision(
     model: ModelFacts, scene: Scene, motion: Motion, wanted: bool
 ) -> tuple[bool, bool, float | None, str]:
-    """Return if it runs, if it is out of reach, the least distance where that decided, and why."""
+    """Return if it runs, if it is out of reach, the least distance where that decided, and why.
+
+    Raises `ValueError` for untangling, which is part of it, without it.
+    """
+    untangle = model.config.collision.untangle
+    if untangle and (scene.collider is None or not wanted):
+        missing = "collision handling is left out" if scene.collider else "the body has no collider"
+        raise ValueError(f"untangling is part of collision handling, and {missing}; leave --untangle out.")
     if scene.collider is None:
         return False, False, None, "the scene has no collider"
     if not wanted:
         return False, False, None, "not wanted"
+    if untangle:
+        return True, False, None, "wanted, with untangling"
     carried = carried_points(scene, collider=True)
     reach = cloth_reach(scene.garment, carried.pins)
     if reach is None:

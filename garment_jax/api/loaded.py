@@ -46,18 +46,20 @@ def load(
     column_rnn: bool = True,
     detail: bool = True,
     lengths: bool = True,
+    untangle: bool = False,
 ) -> LoadedModel:
     """Return a model: a shipped one by its name ("skirt"), a saved one's folder, or a run of `train`.
 
     `clip`: a sequence file whose garment, body, pins and motion it takes (default: its own, `scene.h5`).
-    `column_rnn`, `detail` and `lengths` off leave these parts out, everywhere. Compiled programs are kept in
-    the user's cache folder (`GARMENT_JAX_CACHE=off`: not). Raises `ValueError` or `OSError` in one sentence.
+    `column_rnn`, `detail` and `lengths` off leave these parts out, everywhere; with `untangle` crossings of
+    the garment with itself are undone, as part of collision handling. Compiled programs are kept in the
+    user's cache folder (`GARMENT_JAX_CACHE=off`: not). Raises `ValueError` or `OSError` in one sentence.
 
         model = gj.load("skirt")
         model.scene.garment.template    # [n, 3] metres
     """
-    opened = open_model(str(model), Wanted(no_lengths=not lengths))
-    trained = read_once(opened, lengths=lengths)
+    opened = open_model(str(model), Wanted(no_lengths=not lengths, untangle=untangle))
+    trained = read_once(opened)
     left_out = {name for name, kept in (("column_rnn", column_rnn), ("detail", detail)) if not kept}
     if left_out & set(trained.params):
         params = {name: part for name, part in trained.params.items() if name not in left_out}

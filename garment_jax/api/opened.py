@@ -1,6 +1,7 @@
 """A model opened for any motions: plan the scene, choose what fits the budget, read, animate."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,6 +11,7 @@ if TYPE_CHECKING:
     from garment_jax.animation.plan import ScenePlan
     from garment_jax.animation.variants import Measured
     from garment_jax.aot_cache import Here
+    from garment_jax.config import Config
     from garment_jax.model.store import Model, ModelFacts
     from garment_jax.structs import Motion, Scene
 
@@ -21,6 +23,7 @@ class Wanted(NamedTuple):
     no_detail: bool = False
     no_lengths: bool = False
     no_collision: bool = False
+    untangle: bool = False
     preroll: int = 0
     plan: bool = False
     budget_ms: float | None = None
@@ -35,6 +38,7 @@ class Opened(NamedTuple):
     here: "Here"
     models: "dict[tuple[str, ...], Model]"  # by the parameters left out
     animators: "dict[tuple, Animator]"  # by scene and plan, see `animation.animate`
+    adjust: "Callable[[Config], Config]"  # the model's configuration to what is asked for
 
 
 def open_model(model: str, asked: Wanted | None = None) -> Opened:
@@ -46,14 +50,12 @@ def open_model(model: str, asked: Wanted | None = None) -> Opened:
     from garment_jax.model.shipped import find_model
 
     asked = asked or Wanted()
-    path, lengths = str(find_model(model)), not asked.no_lengths
+    path, adjust = str(find_model(model)), partial(_adjusted, asked)
     here = warm_start()
     here.store.read_ahead(f"{Path(path).resolve()} {asked}")  # beside the imports that follow
     facts, whole = _facts(path)
-    if not lengths:
-        facts = _without_lengths(facts)
-    models = {} if whole is None else {(): _read(path, lengths=lengths, whole=whole)}
-    return Opened(path, facts, here, models, {})
+    models = {} if whole is None else {(): whole._replace(config=adjust(whole.config))}
+    return Opened(path, facts._replace(config=adjust(facts.config)), here, models, {}, adjust)
 
 
 def infer_motion(
@@ -75,7 +77,7 @@ def infer_motion(
     from garment_jax.model.store import check_rate
 
     model, facts, budget_ms = opened.path, opened.facts, asked.budget_ms
-    read = partial(read_once, opened, lengths=not asked.no_lengths)
+    read = partial(read_once, opened)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
         scene, moves = sequence.scene, sequence.long_motion
@@ -116,11 +118,14 @@ def infer_motion(
     yield f"{out}: {took}"
 
 
-def read_once(opened: Opened, leave_out: tuple[str, ...] = (), *, lengths: bool = True) -> "Model":
+def read_once(opened: Opened, leave_out: tuple[str, ...] = ()) -> "Model":
     """Return the model without the parameters `leave_out`, read once; the whole one serves, too."""
+    from garment_jax.model.store import load_model
+
     known = opened.models.get(leave_out) or opened.models.get(())
     if known is None:
-        known = opened.models[leave_out] = _read(opened.path, leave_out, lengths=lengths)
+        read = load_model(opened.path, leave_out=leave_out)
+        known = opened.models[leave_out] = read._replace(config=opened.adjust(read.config))
     return known
 
 
@@ -143,21 +148,15 @@ def _facts(path: str):
     return facts_of(model), model
 
 
-def _without_lengths(facts: "ModelFacts") -> "ModelFacts":
+def _adjusted(asked: Wanted, config: "Config") -> "Config":
+    """Return a model's configuration with what is asked for beside it."""
     from garment_jax.animation.variants import lengths_off
 
-    return facts._replace(config=lengths_off(facts.config))
-
-
-def _read(
-    path: str, leave_out: tuple[str, ...] = (), *, lengths: bool, whole: "Model | None" = None
-) -> "Model":
-    """Return the model at `path`, or `whole` where it is read already; edge lengths restored or not."""
-    from garment_jax.animation.variants import without_lengths
-    from garment_jax.model.store import load_model
-
-    model = whole or load_model(path, leave_out=leave_out)
-    return model if lengths else without_lengths(model)
+    if asked.no_lengths:
+        config = lengths_off(config)
+    if asked.untangle:
+        config = replace(config, collision=replace(config.collision, untangle=True))
+    return config
 
 
 def _detail_mm(path: str) -> float | None:

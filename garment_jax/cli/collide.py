@@ -32,6 +32,7 @@ def add(commands) -> None:
     )
     parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
     parser.add_argument("--no-limbs", action="store_true", help="leave cloth that a limb has passed through")
+    parser.add_argument("--untangle", action="store_true", help="undo crossings of the garment with itself")
     parser.set_defaults(run=run)
 
 
@@ -49,6 +50,7 @@ def run(options: argparse.Namespace) -> None:
         out,
         body=options.body,
         whole_body=options.whole_body,
+        untangle=options.untangle,
         force=options.force,
         store=warm_start().store,
         **settings,

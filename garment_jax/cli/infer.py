@@ -17,6 +17,7 @@ def add_options(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--no-detail", action="store_true", help="leave out the detail module")
     parser.add_argument("--no-lengths", action="store_true", help="leave edges as the networks have them")
     parser.add_argument("--no-collision", action="store_true", help="leave out the collision solver")
+    parser.add_argument("--untangle", action="store_true", help="undo crossings of the garment with itself")
     parser.add_argument(
         "--preroll",
         type=int,

@@ -189,6 +189,7 @@ class CollisionConfig:
     iterations: int = key(20, "projected-gradient steps at most")
     tolerance: float = key(5e-4, "metres; smaller movements count as none")
     limbs: bool = key(True, "undo limb crossings")
+    untangle: bool = key(False, "undo crossings of the garment with itself", later=True)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,9 @@ class FrameFigures(NamedTuple):
     outcome: jax.Array | np.ndarray  # int32, an `Outcome`
     pierced: jax.Array | np.ndarray  # int32 bones of limbs that crossed the prediction; 0 where not followed
     pop: jax.Array | np.ndarray  # metres, largest change of a vertex' correction since the last frame, or 0
+    self_crossings: (
+        jax.Array | np.ndarray
+    )  # int32 edges left through the garment's faces; 0 where not handled
 
 
 @noinline
@@ -64,4 +67,5 @@ def per_frame_columns(figures: FrameFigures) -> dict[str, np.ndarray]:
         "collision_outcome": np.asarray(figures.outcome),
         "collision_pierced_bones": np.asarray(figures.pierced),
         "collision_pop_mm": _MM * np.asarray(figures.pop),
+        "collision_self_crossings": np.asarray(figures.self_crossings),
     }

@@ -1,14 +1,14 @@
 """The order of what happens to a frame after the networks: `step`, one frame in, one frame out.
 
     pins -> strain limit -> edge lengths                             `shape_step`
-    limb crossings -> collision -> stretched again -> rest           `contact_step`
+    limb crossings -> self-crossings -> collision -> stretched again -> rest   `contact_step`
 
 Nothing here is fed back into the networks. The two halves are steps of their own, since a rollout computes
 them on two threads, and `garment-jax collide` does the second alone. Metres, root frames.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from garment_jax.geometry.strain_limit import strain_limited
 from garment_jax.postprocess.collision.projection import initial_state
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, chosen
 from garment_jax.postprocess.collision.solver import resolve_collisions
 from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
@@ -36,6 +36,15 @@ from garment_jax.postprocess.rest import (
     next_rest,
 )
 from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
+from garment_jax.postprocess.untangling import (
+    UntangleState,
+    faded,
+    grown,
+    init_untangle,
+    untangle,
+)
+
+ROUNDS = 3  # of undoing self-crossings and pushing out of the body, in a frame
 
 
 class BodyFrame(NamedTuple):
@@ -60,6 +69,7 @@ class ContactState(NamedTuple):
     begun: jax.Array  # [] bool: there was a last frame
     rest: RestState
     crossings: CrossingState | None
+    untangle: UntangleState | None
 
 
 class State(NamedTuple):
@@ -112,6 +122,7 @@ def contact_init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ContactTab
         begun=jnp.array(False),
         rest=init_rest(V, frame.collider),
         crossings=None if tables.crossings is None else init_crossings(V, frame.bones),
+        untangle=None if tables.untangle is None else init_untangle(len(V)),
     )
 
 
@@ -127,7 +138,7 @@ def contact_step(
     crossings, V, pierced = jax.lax.cond(
         kept, lambda: (state.crossings, V_f + rest.correction, rest.pierced), undo
     )
-    result, collision = _resolved(state.collision, V, V_f, frame, kept, tables)
+    itself, crossed, result, collision = _apart(state, V, V_f, frame, kept, tables)
     result, collision = freeze(result, collision, V, kept)
     correction, pop = correction_of(result.V, V_f, state.correction, state.begun, tables.free)
     if crossings is not None:
@@ -153,8 +164,50 @@ def contact_step(
         outcome=outcome,
         pierced=pierced,
         pop=pop,
+        self_crossings=crossed,
     )
-    return ContactState(collision, correction, jnp.array(True), rest, crossings), result.V, figures
+    following = ContactState(collision, correction, jnp.array(True), rest, crossings, itself)
+    return following, result.V, figures
+
+
+def _apart(
+    state: ContactState,
+    V: Float[Array, "n 3"],
+    V_f: Float[Array, "n 3"],
+    frame: BodyFrame,
+    kept: Array,
+    tables: ContactTables,
+) -> tuple[UntangleState | None, Array, CollisionResult, CollisionState]:
+    """Return `V` apart from itself and from the body, and how many edges still go through a face.
+
+    What is pushed out of the body may be pushed into itself: then both again, a few times. A correction that
+    is `kept` is part of `V` already.
+    """
+    own = tables.untangle
+    if own is None or state.untangle is None:
+        return state.untangle, jnp.int32(0), *_resolved(state.collision, V, V_f, frame, kept, tables)
+
+    def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        itself, _, _, _, rounds = carry
+        unchanged = lambda: (itself, V, jnp.int32(0))  # noqa: E731
+        itself, x, _ = jax.lax.cond(kept, unchanged, lambda: untangle(itself, V, own))
+        result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
+        grew, crossed = grown(itself, result.V, own)
+        return chosen(kept, itself, grew), jnp.where(kept, 0, crossed), result, collision, rounds + 1
+
+    first = (faded(state.untangle), jnp.int32(1), *_resolved_shape(state, V, V_f, frame, kept, tables))
+    itself, crossed, result, collision, _ = jax.lax.while_loop(
+        lambda c: (c[1] > 0) & (c[4] < ROUNDS), attempt, (*first, jnp.int32(0))
+    )
+    return chosen(kept, state.untangle, itself), crossed, result, collision
+
+
+def _resolved_shape(
+    state: ContactState, V: Array, V_f: Array, frame: BodyFrame, kept: Array, tables: ContactTables
+):
+    """Return zeros like what `_resolved` returns."""
+    shape = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
+    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
 
 
 def _resolved(

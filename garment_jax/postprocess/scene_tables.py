@@ -39,4 +39,5 @@ def contact_tables(
         pins,
         limbs=limbs,
         options=CollisionOptions(eps=c.eps, iterations=c.iterations, tolerance=c.tolerance),
+        untangle=c.untangle,
     )

@@ -18,6 +18,7 @@ from garment_jax.postprocess.collision.tables import (
 from garment_jax.postprocess.edge_lengths import make_length_tables
 from garment_jax.postprocess.limb_crossings import CrossingTables, make_crossing_tables
 from garment_jax.postprocess.pins import pin_extension
+from garment_jax.postprocess.untangling import UntangleTables, make_untangle_tables
 from garment_jax.structs import Collider, Garment, RiggedBody
 
 
@@ -40,6 +41,7 @@ class ContactTables(NamedTuple):
     options: CollisionOptions
     crossings: CrossingTables | None  # None: limbs are not followed
     strain: StrainTables | None  # None: what collision handling stretches stays so
+    untangle: UntangleTables | None  # None: the garment may go through itself
 
 
 class Tables(NamedTuple):
@@ -75,8 +77,11 @@ def make_contact_tables(
     *,
     limbs: Limbs | None = None,
     options: CollisionOptions = CollisionOptions(),
+    untangle: bool = False,
 ) -> ContactTables:
     """Return the tables of a garment and the `collider` of a body; with `limbs` these are followed.
+
+    `untangle`: crossings of the garment with itself are undone.
 
     Raises `ValueError` as `make_collider_tables` and `make_collision_tables` do.
     """
@@ -84,6 +89,9 @@ def make_contact_tables(
     crossings = (
         None if limbs is None else make_crossing_tables(garment.template, garment.faces, limbs, laplacian)
     )
+    own = None
+    if untangle and len(garment.faces):
+        own = make_untangle_tables(garment.template, garment.faces, pins)
     return ContactTables(
         pins=pins,
         free=~np.isin(np.arange(len(garment.template)), pins),
@@ -91,4 +99,5 @@ def make_contact_tables(
         options=options,
         crossings=crossings,
         strain=make_strain_tables(garment, pins),
+        untangle=own,
     )

@@ -33,6 +33,7 @@ ADDED = {
     "collision_penetrating_before",
     "collision_pierced_bones",
     "collision_pop_mm",
+    "collision_self_crossings",
     "collision_steps",
 }
 
@@ -289,17 +290,20 @@ def test_what_is_there_is_replaced_with_force_alone(tmp_path, thin, monkeypatch)
         assert made.attributes["collision_eps_m"] > 0
 
 
-def test_the_summary_names_the_frames_with_a_limb_through_the_cloth():
+def test_the_summary_names_the_frames_with_a_limb_or_the_garment_through_the_cloth():
     zero = np.zeros(4)
-    figures = FrameFigures(zero, zero, zero, zero, zero, zero, np.array([0, 2, 0, 1]), zero)
-    _, limbs = summary(Report(4, 0.5, figures))
+    figures = FrameFigures(
+        zero, zero, zero, zero, zero, zero, np.array([0, 2, 0, 1]), zero, np.array([0, 0, 9, 0])
+    )
+    _, limbs, tangled = summary(Report(4, 0.5, figures))
     assert limbs.startswith("2 frames (1, 3): a limb ran through the cloth")
+    assert tangled == "1 frame (2): the garment still goes through itself."
 
 
 def test_the_summary_names_what_fell_short_and_the_remedy():
     outcome = np.array([Outcome.NOTHING_TO_DO, *[Outcome.STEPS_SPENT] * 6, Outcome.STILL_INSIDE, 1])
     zero, pop = np.zeros(9), np.array([0, 0, 0, 0.0123, 0, 0, 0, 0, 0])
-    figures = FrameFigures(zero + 0.02, zero, zero + 3, zero, zero, outcome, zero, pop)
+    figures = FrameFigures(zero + 0.02, zero, zero + 3, zero, zero, outcome, zero, pop, zero)
     first, spent, inside = summary(Report(9, 0.5, figures))
     assert "9 frames, 18 frames/s" in first
     assert "deepest 20.00 mm before, 0.00 after" in first

@@ -13,7 +13,8 @@ def contact_tables(pins: np.ndarray, options: CollisionOptions) -> ContactTables
     """Return the sheet's tables, without limbs and without a care for its edges."""
     made = tables()[0]
     free = ~np.isin(np.arange(len(made.index)), pins)
-    return ContactTables(pins, free, collision=made, options=options, crossings=None, strain=None)
+    left_out = {"crossings": None, "strain": None, "untangle": None}
+    return ContactTables(pins, free, collision=made, options=options, **left_out)
 
 
 def body_frames(pins: np.ndarray, collider: np.ndarray) -> BodyFrame:

@@ -18,21 +18,10 @@ from garment_jax.postprocess.edge_lengths import (
     make_length_tables,
     restore_lengths,
 )
+from tests.postprocess.sheets import EDGE, FACES, SIDE, T
 
-SIDE, EDGE = 24, 0.02
 PINS = np.arange(SIDE, dtype=np.int32)  # one border
 
-
-def flat_sheet() -> tuple[np.ndarray, np.ndarray]:
-    """Return a flat sheet of `SIDE` x `SIDE` vertices, `EDGE` metres apart, and its faces."""
-    u, v = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
-    V = np.stack([EDGE * u.ravel(), np.zeros(SIDE * SIDE), EDGE * v.ravel()], axis=1)
-    a = (u[:-1, :-1] * SIDE + v[:-1, :-1]).ravel()
-    faces = np.concatenate([np.stack([a, a + 1, a + SIDE], 1), np.stack([a + 1, a + SIDE + 1, a + SIDE], 1)])
-    return V.astype(np.float32), faces.astype(np.int32)
-
-
-T, FACES = flat_sheet()
 EDGES = unique_edges(FACES)
 FREE = jnp.ones(len(T), bool).at[PINS].set(False)
 

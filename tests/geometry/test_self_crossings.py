@@ -1,0 +1,102 @@
+"""Crossings of a sheet with itself, against every edge and triangle that SciPy's tree finds near."""
+
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import garment_jax.geometry.self_crossings as module
+from garment_jax.evaluation.self_intersections import self_intersections
+from garment_jax.geometry.self_crossings import find_self_crossings, make_crossing_tables
+from garment_jax.geometry.topology import unique_edges
+from tests.postprocess.sheets import FACES, T, looped
+
+
+@lru_cache
+def find():
+    made = make_crossing_tables(T, FACES)
+    return jax.jit(lambda V: find_self_crossings(V, made))
+
+
+def crossing_vertices(V: np.ndarray, faces: np.ndarray) -> set[int]:
+    """Return the ends of edges that go through a face and the corners of those faces, one pair at a time."""
+    found: set[int] = set()
+    V = V.astype(np.float64)
+    for edge in unique_edges(faces):
+        p, q = V[edge]
+        a, b, c = (V[faces[:, k]] for k in range(3))
+        n = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((a - p) * n).sum(1) / ((q - p) * n).sum(1)
+            x = p + t[:, None] * (q - p)
+            sides = [(np.cross(v - u, x - u) * n).sum(1) > 0 for u, v in ((a, b), (b, c), (c, a))]
+        apart = ~np.isin(faces, edge).any(axis=1)
+        through = apart & (t > 0) & (t < 1) & sides[0] & sides[1] & sides[2]
+        if through.any():
+            found |= {*edge.tolist(), *faces[through].ravel().tolist()}
+    return found
+
+
+@pytest.mark.parametrize("size", [0.002, 0.006, 0.03])
+def test_a_crumpled_sheet_has_the_crossings_of_the_search_by_a_tree(size: float):
+    V = (T + size * np.random.default_rng(3).normal(size=T.shape)).astype(np.float32)
+    found = find()(V)
+    assert int(found.edges) == self_intersections(V, FACES)
+    assert set(np.flatnonzero(found.vertices).tolist()) == crossing_vertices(V, FACES)
+    assert not found.overflow
+    assert (size < 0.005) == (int(found.edges) == 0)
+
+
+def test_of_a_sheet_like_crumpled_paper_some_that_neighbours_hide_may_be_missed():
+    V = (T + 0.01 * np.random.default_rng(3).normal(size=T.shape)).astype(np.float32)
+    assert 0.98 < int(find()(V).edges) / self_intersections(V, FACES) <= 1
+
+
+def test_a_sheet_that_loops_through_itself_is_found_where_it_does():
+    V = looped(0.05)
+    found = find()(V)
+    assert int(found.edges) == self_intersections(V, FACES) > 20
+    assert set(np.flatnonzero(found.vertices).tolist()) == crossing_vertices(V, FACES)
+
+
+def test_a_sheet_in_folds_that_do_not_meet_has_none():
+    found = find()(looped(0.03))
+    assert int(found.edges) == 0
+    assert not found.vertices.any()
+
+
+def test_many_at_once_are_as_one_by_one():
+    together = jnp.stack([jnp.asarray(V) for V in (T, looped(0.05), looped(0.03))])
+    alone = [int(find()(V).edges) for V in together]
+    assert np.array_equal(jax.vmap(find())(together).edges, alone)
+
+
+def test_what_is_not_finite_crosses_nothing():
+    V = looped(0.05)
+    V[7, 1] = np.nan
+    assert int(find()(V).edges) == 0
+
+
+def test_two_triangles_through_each_other():
+    faces = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    V = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0.2, -1, 0.2], [0.2, 1, 0.2], [5, 1, 5]], np.float32)
+    made = make_crossing_tables(V, faces)
+    assert int(find_self_crossings(jnp.asarray(V), made).edges) == 2
+    V[4] = [0.2, -0.5, 0.2]  # no longer as far as the other
+    V[5] = [5, -0.5, 5]
+    assert int(find_self_crossings(jnp.asarray(V), made).edges) == 0
+
+
+def test_more_pairs_than_there_is_room_for_are_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "PAIRS", module.AT_ONCE)
+    V = (0.02 * np.random.default_rng(0).normal(size=T.shape)).astype(np.float32)  # all upon each other
+    assert find_self_crossings(jnp.asarray(V), make_crossing_tables(T, FACES)).overflow
+
+
+def test_every_edge_and_face_lies_in_one_group():
+    made = make_crossing_tables(T, FACES)
+    assert set(made.edge.ravel().tolist()) == set(range(len(made.ends)))
+    corners = {tuple(face) for face in made.faces.reshape(3, -1).T.tolist()}
+    assert corners == {tuple(face) for face in FACES.tolist()}

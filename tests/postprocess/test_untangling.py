@@ -1,0 +1,91 @@
+"""A fold that lies in itself opens, by an independent count; nothing else moves, and it fades."""
+
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from garment_jax.evaluation.self_intersections import self_intersections
+from garment_jax.postprocess.untangling import (
+    FADE,
+    GONE,
+    UntangleState,
+    UntangleTables,
+    faded,
+    init_untangle,
+    make_untangle_tables,
+    untangle,
+)
+from tests.postprocess.sheets import FACES, SIDE, T, looped
+
+PINS = np.arange(SIDE, dtype=np.int32)  # one border
+
+
+@lru_cache
+def tables() -> UntangleTables:
+    return make_untangle_tables(T, FACES, PINS)
+
+
+@lru_cache
+def one():
+    return jax.jit(lambda state, V: untangle(faded(state), V, tables()))
+
+
+def test_a_looped_sheet_no_longer_goes_through_itself():
+    V = looped(0.05)
+    state, x, left = one()(init_untangle(len(T)), V)
+    assert self_intersections(V, FACES) > 20
+    assert self_intersections(np.asarray(x), FACES) == 0 == int(left)
+    assert np.array_equal(x[PINS], V[PINS])
+    still = np.asarray(state.weight) == 0
+    assert np.array_equal(np.asarray(x)[still], V[still])
+    assert np.linalg.norm(x - V, axis=1).max() < 0.05
+
+
+def test_without_crossings_a_frame_comes_back_as_it_is():
+    V = looped(0.03)
+    state, x, left = one()(init_untangle(len(T)), V)
+    assert np.array_equal(x, V)
+    assert int(left) == 0
+    assert not state.weight.any()
+
+
+def test_what_was_flattened_comes_back_little_by_little():
+    V, state = looped(0.03), UntangleState(jnp.ones(len(T)))
+    departure = []
+    for _ in range(int(np.ceil(np.log(GONE) / np.log(FADE))) + 1):
+        state, x, _ = one()(state, V)
+        departure.append(float(np.linalg.norm(x - V, axis=1).max()))
+    assert departure[0] > 0.01
+    assert departure[-1] == 0
+    assert np.all(np.diff(departure) <= 0)
+    assert np.max(-np.diff(departure)) < 0.2 * departure[0]
+
+
+def test_a_frame_that_is_not_finite_comes_back_and_is_forgotten():
+    V = looped(0.05)
+    V[100] = np.nan
+    state, x, left = one()(UntangleState(jnp.ones(len(T))), V)
+    assert np.array_equal(x, V, equal_nan=True)
+    assert int(left) == 0
+    assert not state.weight.any()
+
+
+def test_many_at_once_are_as_one_by_one():
+    frames = jnp.stack([jnp.asarray(looped(size)) for size in (0.03, 0.05)])
+    states = UntangleState(jnp.zeros((2, len(T))))
+    state, x, left = jax.vmap(one())(states, frames)
+    for k in range(2):
+        alone = one()(init_untangle(len(T)), frames[k])
+        assert np.allclose(x[k], alone[1], atol=1e-6)
+        assert int(left[k]) == int(alone[2])
+    assert state.weight[1].any()
+    assert not state.weight[0].any()
+
+
+def test_the_border_of_a_flat_sheet_is_not_pulled_inwards():
+    state = UntangleState(jnp.ones(len(T)))
+    _, x, _ = one()(state, T)
+    border = (T[:, 2] == T[:, 2].min()) & (np.abs(T[:, 0] - T[:, 0].mean()) < 0.1)  # far from the corners
+    assert np.abs(np.asarray(x)[border, 2] - T[border, 2]).max() < 2e-3
