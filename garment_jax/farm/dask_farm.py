@@ -170,7 +170,7 @@ def scheduler_address(where: str) -> str:
         raise ValueError(f"--farm {where} is no scheduler; give tcp://HOST:PORT, or its scheduler.json.")
     if not os.path.isfile(where):
         raise FileNotFoundError(
-            f"--farm {where} is not there; dask scheduler --scheduler-file {where} writes it."
+            f"--farm {where} is not there; name the file that the Dask scheduler was told to write."
         )
     try:
         address = str(json.loads(Path(where).read_text(encoding="utf-8"))["address"])
