@@ -112,7 +112,7 @@ class DaskFarm:
             if time.monotonic() > end:
                 raise OSError(
                     f"the scheduler {self._address} has no worker after {CONNECT:.0f} s; start some with "
-                    f"dask worker {self._address} --nthreads 1."
+                    f"dask worker {self._address}."
                 )
             time.sleep(0.2)
         return len(threads)
@@ -178,7 +178,7 @@ def scheduler_address(where: str) -> str:
             raise ValueError
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
-            f"--farm {where} holds no scheduler's address; dask scheduler --scheduler-file {where} writes it."
+            f"--farm {where} holds no scheduler's address; name the file that a Dask scheduler wrote."
         ) from error
     return address
 

@@ -86,7 +86,7 @@ def test_what_is_no_address_is_refused(where: str) -> None:
 
 def test_the_file_of_a_scheduler_says_where_it_is(tmp_path: Path) -> None:
     path = tmp_path / "scheduler.json"
-    with pytest.raises(FileNotFoundError, match="is not there; dask scheduler --scheduler-file"):
+    with pytest.raises(FileNotFoundError, match="is not there; name the file"):
         scheduler_address(str(path))
     for text in ("", "[]", "{}", '{"address": 3}', "\x00"):
         path.write_text(text)
