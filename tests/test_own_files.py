@@ -24,7 +24,7 @@ OWN = ["files", "--garment", "skirt.obj", "--body", "me.npz"]
         (["embedded", "skirt", "--frames", "10"], "--frames 10 are too few"),
         (["embedded", "skirt", "--frames", "0"], "--frames 0 are too few"),
         (["embedded", "skirt", "--seed", "-1"], "--seed -1 is too small"),
-        (["embedded", "skirt", "--workers", "0"], "workers=0 must be 1 or more"),
+        (["embedded", "skirt", "--workers", "0"], "--workers 0 is too small"),
         (["embedded", "skirt", "--vertices", "-5"], "vertices=-5 must lie between 100 and"),
         (["embedded", "skirt", "--at-once", "5"], "--at-once is for simulate --device cuda"),
         (["varied", "clips", "--copies", "0"], "--copies 0 and --crosses 0 make no clips"),

@@ -71,6 +71,8 @@ def load(
     limbs = limbs_for(config, scene)
     carried = carried_points(scene, collider=scene.collider is not None, limbs=limbs)
     contacts = None
+    if untangle and scene.collider is None:
+        raise ValueError(f"{opened.path} has no collider, and untangling is part of collision handling.")
     if scene.collider is not None:
         contacts = contact_tables(config, scene, template, carried.pins, limbs)
     return LoadedModel(

@@ -26,6 +26,8 @@ def farm_of(options: argparse.Namespace) -> "Farm":
     """Return where the jobs run; `ValueError` or `OSError` where that cannot be."""
     from garment_jax.farm.local import LocalFarm
 
+    if options.workers is not None and options.workers < 1:
+        raise ValueError(f"--workers {options.workers} is too small; give 1 or more.")
     if options.farm is None:
         return LocalFarm(1 if options.workers is None else options.workers)
     if options.workers is not None:

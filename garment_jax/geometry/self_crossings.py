@@ -43,7 +43,7 @@ class CrossingTables(NamedTuple):
 class Found(NamedTuple):
     """What crosses in a frame."""
 
-    edges: jax.Array  # [] int32, how many go through a face
+    edges: jax.Array  # [] int32, how many go through a face; at least 1 where there was an overflow
     vertices: jax.Array  # [n] bool, ends of these edges and corners of these faces
     overflow: jax.Array  # [] bool: more pairs of patches were near each other than were looked into
 
@@ -248,7 +248,8 @@ def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> 
         vertices = vertices.at[jnp.asarray(tables.ends[:, k])].max(crossed)
     for k in range(3):
         vertices = vertices.at[jnp.asarray(tables.faces[k])].max(faces)
-    return Found(crossed.sum().astype(jnp.int32), vertices, many > PAIRS)
+    overflow = many > PAIRS
+    return Found(jnp.maximum(crossed.sum(), overflow).astype(jnp.int32), vertices, overflow)
 
 
 @noinline

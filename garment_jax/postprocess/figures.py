@@ -27,9 +27,7 @@ class FrameFigures(NamedTuple):
     outcome: jax.Array | np.ndarray  # int32, an `Outcome`
     pierced: jax.Array | np.ndarray  # int32 bones of limbs that crossed the prediction; 0 where not followed
     pop: jax.Array | np.ndarray  # metres, largest change of a vertex' correction since the last frame, or 0
-    self_crossings: (
-        jax.Array | np.ndarray
-    )  # int32 edges left through the garment's faces; 0 where not handled
+    self_crossings: jax.Array | np.ndarray  # int32 edges left through its own faces; 0 where not looked for
 
 
 @noinline

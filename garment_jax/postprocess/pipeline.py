@@ -36,13 +36,7 @@ from garment_jax.postprocess.rest import (
     next_rest,
 )
 from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
-from garment_jax.postprocess.untangling import (
-    UntangleState,
-    faded,
-    grown,
-    init_untangle,
-    untangle,
-)
+from garment_jax.postprocess.untangling import UntangleState, faded, grown, init_untangle, untangle
 
 ROUNDS = 3  # of undoing self-crossings and pushing out of the body, in a frame
 
@@ -189,25 +183,23 @@ def _apart(
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         itself, _, _, _, rounds = carry
-        unchanged = lambda: (itself, V, jnp.int32(0))  # noqa: E731
-        itself, x, _ = jax.lax.cond(kept, unchanged, lambda: untangle(itself, V, own))
+        itself, x, left = jax.lax.cond(
+            kept, lambda: (itself, V, jnp.int32(0)), lambda: untangle(itself, V, own)
+        )
         result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
-        grew, crossed = grown(itself, result.V, own)
-        return chosen(kept, itself, grew), jnp.where(kept, 0, crossed), result, collision, rounds + 1
+        itself, left = jax.lax.cond(
+            kept | jnp.array_equal(result.V, x), lambda: (itself, left), lambda: grown(itself, result.V, own)
+        )
+        return itself, left, result, collision, rounds + 1
 
-    first = (faded(state.untangle), jnp.int32(1), *_resolved_shape(state, V, V_f, frame, kept, tables))
+    shapes = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
+    zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     itself, crossed, result, collision, _ = jax.lax.while_loop(
-        lambda c: (c[1] > 0) & (c[4] < ROUNDS), attempt, (*first, jnp.int32(0))
+        lambda carry: (carry[1] > 0) & (carry[4] < ROUNDS),
+        attempt,
+        (faded(state.untangle), jnp.int32(1), *zeros, jnp.int32(0)),
     )
     return chosen(kept, state.untangle, itself), crossed, result, collision
-
-
-def _resolved_shape(
-    state: ContactState, V: Array, V_f: Array, frame: BodyFrame, kept: Array, tables: ContactTables
-):
-    """Return zeros like what `_resolved` returns."""
-    shape = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
-    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape)
 
 
 def _resolved(

@@ -10,12 +10,14 @@ import pytest
 
 from garment_jax.animation.chunks import scan_frames
 from garment_jax.dataset.lanes import repeated_last
+from garment_jax.evaluation.self_intersections import self_intersections
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.postprocess import pipeline
 from garment_jax.postprocess.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
 from garment_jax.postprocess.pipeline import contact_init, contact_step
 from garment_jax.postprocess.tables import Tables, make_shape_tables
+from garment_jax.postprocess.untangling import make_untangle_tables
 from garment_jax.structs import Garment
 from tests.postprocess.collision.cloth import sheet, tables
 from tests.postprocess.frames import body_frames, contact_tables
@@ -137,6 +139,26 @@ def test_a_frame_is_brought_to_its_pins_and_lengths_before_its_contacts(monkeypa
     assert np.abs(shaped - V).max() > 1e-3
     assert figures is told
     jax.tree.map(np.testing.assert_array_equal, after, pipeline.State(shaped_state, state.contacts))
+
+
+def test_cloth_within_the_body_and_within_itself_leaves_both():
+    T, faces = sheet(0.5)
+    body = tables()[1]
+    frame = jax.tree.map(itemgetter(0), body_frames(T[None, PINS], body[None]))
+    contacts = contact_tables(PINS, OPTIONS)._replace(untangle=make_untangle_tables(T, faces, PINS))
+    turn = 4 * np.pi * T[:, 0]
+    looped = np.stack([T[:, 0] - 0.1 * np.sin(turn), T[:, 1] - 0.3 - 0.1 * np.cos(turn), T[:, 2]], axis=1)
+    looped[PINS] = T[PINS]
+    step = jax.jit(partial(contact_step, tables=contacts))
+
+    calm, _, _ = step(contact_init(jnp.asarray(T), frame, tables=contacts), jnp.asarray(T), frame)
+    after, V, figures = step(calm, jnp.asarray(looped, jnp.float32), frame)
+    assert self_intersections(looped, faces) > 20
+    assert self_intersections(np.asarray(V), faces) == 0 == int(figures.self_crossings)
+    assert int(figures.penetrating_before) > 0 == int(figures.penetrating_after)
+    assert after.untangle is not None
+    assert after.untangle.weight.any()
+    np.testing.assert_array_equal(V[PINS], T[PINS])
 
 
 def test_without_a_collider_contacts_are_left_out():
