@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 SILENCE = 60.0  # seconds without a word after which a process counts as hanging
 BEAT = 2.0  # seconds between two words
+LEAVING = 1.0  # seconds that process 0 waits for the others when all end
 STUCK = 1800.0  # seconds without a step after which all end: a process may live and yet wait for ever
 LOST = 75  # exit code (EX_TEMPFAIL of sysexits.h): another process ended, the same command goes on
 _GOES_ON = "the same command for all processes goes on from the last checkpoint"
@@ -94,7 +95,19 @@ class Peers:
             self._over = True
         for process in self._links:
             self._send(process, ["end", code, sentence])
+        if self.index == 0:  # JAX's service lives here: it ends last, or JAX of the others complains of that
+            self._see_off()
         self._end(code, sentence)
+
+    def _see_off(self) -> None:
+        """Wait for the others to end, for `LEAVING` seconds at most."""
+        last = time.monotonic() + LEAVING
+        for link in self._links.values():
+            with suppress(OSError):
+                while (left := last - time.monotonic()) > 0:
+                    link.settimeout(left)
+                    if not link.recv(2**16):
+                        break
 
     def _give(self, process: int, number: int, value: Any) -> None:
         with self._state:

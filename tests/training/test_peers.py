@@ -121,6 +121,23 @@ def test_a_refusal_of_one_is_said_by_all() -> None:
         assert set(group.ends.values()) == {(2, "process 1 on there: no clips.")}
 
 
+def test_process_0_ends_after_the_others() -> None:
+    with Group(3) as group:
+        order: list[int] = []
+        for peer in group.members:
+            (link, *_) = peer._links.values()
+
+            def end(_code: int, _sentence: str, peer: Peers = peer, link: socket.socket = link) -> None:
+                order.append(peer.index)
+                if peer.index:
+                    link.shutdown(socket.SHUT_RDWR)  # as the system does with an ended process
+
+            peer._end = end
+        group.members[0].end_all(2, "no clips.")
+        assert order[-1] == 0
+        assert sorted(order) == [0, 1, 2]
+
+
 def test_processes_meet_and_strangers_are_left_out() -> None:
     given, known = threading.Event(), [b""]
 
