@@ -20,6 +20,7 @@ from garment_jax.machine import peak_mb
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the scene made in code lives with the tests
 from garment_jax.config import Config, load_config
+from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train
 from tests.reference.scene import make_motion, make_scene, write_clip
@@ -41,10 +42,12 @@ def few_steps(config: Config, steps: int, *, log_every: int) -> Config:
     )
 
 
-def stage_speeds(config: Config, data_dir: Path, folder: Path, *, stage: str = "all") -> list[dict]:
+def stage_speeds(
+    config: Config, data_dir: Path, folder: Path, *, stage: str = "all", devices: Devices = ONE
+) -> list[dict]:
     """Train in `folder` and return each stage's seconds a step and frames a second, steps after the first
     logged ones (which compile) alone; batches, logging and the rest of the loop included."""
-    train(config, folder, data_dir=data_dir, stage=stage)
+    train(config, folder, data_dir=data_dir, stage=stage, devices=devices)
     motion = config.motion
     frames = {
         "generative": config.generative.batch,

@@ -1,16 +1,17 @@
 """Farm work on one machine: a Dask scheduler, three workers, one killed in the middle, one clip that fails.
 
-    python experiments/farm.py [--clips 200] [--motions 500] [--json FILE]
+    python experiments/farm.py [--clips 200] [--motions 500] [--tasks 5000] [--json FILE]
 
 Simulates short clips of a coarse skirt and animates short motions with the shipped one: in this process, on
 the farm, and in three shards. Every file of farm and shards must be the serial run's, byte for byte (clips)
 or in its vertices (animations, whose files hold how long they took); the clip and the motion that cannot be
-done must be the only ones named. Prints seconds, and the most memory that scheduler and workers held.
-Needs the extras sim and farm.
+done must be the only ones named. Prints seconds, and the most memory that scheduler and workers held. Jobs
+that do nothing say how many a second the scheduler passes on. Needs the extras sim and farm.
 """
 
 import argparse
 import json
+import operator
 import subprocess
 import sys
 import tempfile
@@ -30,7 +31,7 @@ from garment_jax.bench.figures import report
 from garment_jax.farm.dask_farm import DaskFarm
 from garment_jax.farm.local import LocalFarm
 from garment_jax.farm.shard import Shard
-from garment_jax.farm.work import Farm
+from garment_jax.farm.work import Farm, Work
 from garment_jax.importers.sources import Options
 from garment_jax.io.sequence import open_sequence
 from garment_jax.io.sequence_writer import SequenceWriter
@@ -181,10 +182,31 @@ def measured(what: str, count: int, do: Do, folder: Path) -> dict[str, Any]:
     }
 
 
+def tasks(count: int, folder: Path) -> dict[str, Any]:
+    """Pass `count` jobs that do nothing through a scheduler, as `garment-jax` does."""
+    with cluster(folder) as (file, workers), DaskFarm(file) as farm:
+        farm._client.wait_for_workers(len(workers))
+        work = Work(dict, operator.contains)  # what a worker finds by its name
+        list(farm.map(work, dict.fromkeys(range(100), "job")))
+        before = farm._client.run_on_scheduler(held_mb)
+        began = time.perf_counter()
+        list(farm.map(work, dict.fromkeys(range(count), "job")))
+        seconds = time.perf_counter() - began
+        after = farm._client.run_on_scheduler(held_mb)
+    return {
+        "jobs": count,
+        "workers": len(workers),
+        "jobs/s": round(count / seconds),
+        "scheduler MB before": round(before),
+        "after": round(after),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--clips", type=int, default=200)
     parser.add_argument("--motions", type=int, default=500)
+    parser.add_argument("--tasks", type=int, default=5000)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -198,7 +220,13 @@ def main() -> None:
                 measured("motions", options.motions, motions(options.motions, folder / "moves"), folder)
             )
             print(json.dumps(rows[-1]), flush=True)
-    report(rows, title="Farm work", facts={"frames each": FRAMES, "shards": SHARDS}, json_path=options.json)
+        if options.tasks:
+            row = tasks(options.tasks, folder)
+            report([row], title="Jobs that do nothing", facts={}, json_path=None)
+    if rows:
+        report(
+            rows, title="Farm work", facts={"frames each": FRAMES, "shards": SHARDS}, json_path=options.json
+        )
 
 
 if __name__ == "__main__":

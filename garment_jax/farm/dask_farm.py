@@ -24,6 +24,7 @@ from typing import Any
 from garment_jax.farm.work import Attempt, K, Outcome, Work, attempt, pickled_work
 
 CONNECT = 15.0  # seconds until a scheduler has answered, and a first worker is there
+_AGAIN = 0.5  # seconds between questions how many workers there are
 _LOOK = 2.0  # seconds between looks at the workers, while no job is done
 _SAY = 30.0  # seconds between lines that say that there is no worker
 
@@ -82,9 +83,11 @@ class DaskFarm:
             # not scattered: what a lost worker held is made again
             shared = self._client.submit(bytes, pickled, pure=False)
         waiting, suspects, running, heard = deque(jobs), set(), {}, time.monotonic()
+        places = looked = 0.0
         try:
             while waiting or running:
-                places = self._places()
+                if time.monotonic() - looked > _AGAIN or not running:
+                    places, looked = self._places(), time.monotonic()
                 heard = self._heard(places, heard)
                 while waiting and len(running) < (1 if waiting[0] in suspects else places):
                     key = waiting.popleft()
@@ -95,13 +98,15 @@ class DaskFarm:
                     continue
                 with contextlib.suppress(TimeoutError, CancelledError), self._client.as_current():
                     wait(list(running), timeout=_LOOK, return_when="FIRST_COMPLETED")
-                for future in [future for future in running if future.done()]:
+                done = [future for future in running if future.done()]
+                values = self._values(done)
+                for future in done:
                     key = running.pop(future)
                     if _killed(future) and key not in suspects and len(jobs) > 1:
                         suspects.add(key)  # perhaps of another job's doing: once more at the end, alone
                         waiting.append(key)
                     else:
-                        yield key, self._outcome(future)
+                        yield key, self._outcome(future, values)
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel([*running, shared])
@@ -135,9 +140,14 @@ class DaskFarm:
         _say(f"no worker is left at {self._address}; waiting for one (Ctrl-C ends, the same command goes on)")
         return time.monotonic()
 
-    def _outcome(self, future: Any) -> Outcome:
-        if future.status == "finished":
-            done: Attempt = future.result()
+    def _values(self, done: list[Any]) -> dict[Any, Attempt]:
+        """Return what finished futures hold, asked for together: each question waits for the scheduler."""
+        finished = [future for future in done if future.status == "finished"]
+        return dict(zip(finished, self._client.gather(finished), strict=True))
+
+    def _outcome(self, future: Any, values: Mapping[Any, Attempt]) -> Outcome:
+        if future in values:
+            done = values[future]
             if done.unable:
                 raise ValueError(f"a worker of {self._address} can do no job: {done.outcome.error}")
             return done.outcome
