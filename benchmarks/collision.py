@@ -52,6 +52,8 @@ class Clip(NamedTuple):
     V: np.ndarray  # [t, n, 3]
     body: BodyFrame  # [t, ...]
     tables: ContactTables
+    template: np.ndarray  # [n, 3] metres
+    faces: np.ndarray  # [f, 3]
 
 
 def whole(scene: Scene) -> Scene:
@@ -109,7 +111,7 @@ def read(path: Path, options: argparse.Namespace) -> Clip:
     )
     tables = tables._replace(strain=None) if options.solver_alone else tables
     V, *body = (x.astype(np.float32) for x in (V, *posed))
-    return Clip(V, BodyFrame(*body), tables)
+    return Clip(V, BodyFrame(*body), tables, garment.template, garment.faces)
 
 
 def calls_of(clip: Clip, size: int) -> list[tuple[jax.Array, BodyFrame]]:
@@ -165,7 +167,7 @@ def spheres(count: int) -> Clip:
         untangle=None,
     )
     V, body = jax.tree.map(lambda x: x.astype(np.float32), (V, body))
-    return Clip(V, body, tables)
+    return Clip(V, body, tables, T, faces)
 
 
 def measure(name: str, clip: Clip) -> dict:

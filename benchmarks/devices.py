@@ -1,14 +1,16 @@
-"""What training over several devices costs: reductions of every stage's step, and what to expect of more devices.
+"""What training over several devices costs: reductions of a step, and what to expect of more devices.
 
     python benchmarks/devices.py [--config configs/skirt.toml] [--steps 4] [--json FILE]
-    python benchmarks/devices.py --config configs/paper.toml --motion.lanes=2 --gpu docs/figures/paper_steps_gpu.json
+    python benchmarks/devices.py --config configs/paper.toml --motion.lanes=2 \\
+        --gpu docs/figures/paper_steps_gpu.json
 
-Every stage takes a few steps on one device and on two of this process, on the scene of benchmarks/paper_steps.py.
-The all-reduces and their bytes are counted in the program that XLA compiled for two. Two devices on the cores of
-one cannot be faster: the seconds say what splitting costs. With `--gpu`, step times that were measured on one
-GPU, the share of the time is estimated that 8 GPUs of one host, and 8 on 4 hosts, spend on their work, each
-with the whole batch of that measurement: seconds / (seconds + reductions). A ring sends 2 (N - 1) / N times the
-bytes over its slowest link and waits 2 (N - 1) times for it; nothing overlaps.
+Every stage takes a few steps on one device and on two of this process, on the scene of
+benchmarks/paper_steps.py. The all-reduces and their bytes are counted in the program that XLA compiled for
+two. Two devices on the cores of one cannot be faster: the seconds say what splitting costs. With `--gpu`,
+step times that were measured on one GPU, the share of the time is estimated that 8 GPUs of one host, and 8
+on 4 hosts, spend on their work, each with the whole batch of that measurement: seconds / (seconds +
+reductions). A ring sends 2 (N - 1) / N times the bytes over its slowest link and waits 2 (N - 1) times for
+it; nothing overlaps.
 """
 
 import argparse
@@ -59,7 +61,7 @@ class Counted(Devices):
 
 
 def reductions(program: str) -> tuple[int, int]:
-    """Return how many all-reduces a step makes, and of how many bytes; those in loops as often as they turn."""
+    """Return how many all-reduces a step makes, and of how many bytes; in loops as often as they turn."""
     blocks: dict[str, list[str]] = {}
     entry = name = ""
     for line in program.splitlines():

@@ -83,7 +83,7 @@ class DaskFarm:
             # not scattered: what a lost worker held is made again
             shared = self._client.submit(bytes, pickled, pure=False)
         waiting, suspects, running, heard = deque(jobs), set(), {}, time.monotonic()
-        places = looked = 0.0
+        places, looked = 0, 0.0
         try:
             while waiting or running:
                 if time.monotonic() - looked > _AGAIN or not running:

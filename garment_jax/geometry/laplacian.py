@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.sparse import csr_matrix
 
 from garment_jax.geometry.stencil import Stencil, apply_stencil, make_stencil
 from garment_jax.geometry.topology import neighbour_table
@@ -37,25 +38,31 @@ def uniform_table(faces: np.ndarray, n: int) -> LaplacianTable:
     return _table(index, mask / np.maximum(mask.sum(axis=1, keepdims=True), 1.0))
 
 
-def cotangent_table(template: np.ndarray, faces: np.ndarray) -> LaplacianTable:
-    """Return the cotangent stencil of `template` `[n, 3]`, clamped to be positive, rows normalised.
+def cotangents(template: np.ndarray, faces: np.ndarray) -> csr_matrix:
+    """Return the cotangent weight of every edge of `template` `[n, 3]`, `[n, n]` and symmetric.
 
     Negative weights of obtuse triangles would turn the smoothing into sharpening, and a
-    triangle without area has no cotangent: both are clamped to [1e-6, 1e3] before normalising.
+    triangle without area has no cotangent: both are clamped to [1e-6, 1e3].
     """
-    n = len(template)
-    index, mask = neighbour_table(faces, n)
-    weight = np.zeros(mask.shape)
-    slots = {(i, int(j)): s for i in range(n) for s, j in enumerate(index[i]) if mask[i, s]}
-    P = template.astype(np.float64)
+    P, rows, columns, weights = template.astype(np.float64), [], [], []
     for corner in range(3):
         o, a, b = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         u, v = P[a] - P[o], P[b] - P[o]
         area = np.linalg.norm(np.cross(u, v), axis=1)
         cot = np.clip((u * v).sum(1) / np.maximum(area, 1e-12), 1e-6, 1e3) / 2
-        for i, j, w in zip(a, b, cot, strict=True):
-            weight[i, slots[int(i), int(j)]] += w
-            weight[j, slots[int(j), int(i)]] += w
+        rows += [a, b]
+        columns += [b, a]
+        weights += [cot, cot]
+    places = np.concatenate(rows), np.concatenate(columns)
+    return csr_matrix((np.concatenate(weights), places), (len(template),) * 2)
+
+
+def cotangent_table(template: np.ndarray, faces: np.ndarray) -> LaplacianTable:
+    """Return the cotangent stencil of `template` `[n, 3]`, rows normalised."""
+    n = len(template)
+    index, mask = neighbour_table(faces, n)
+    own = np.repeat(np.arange(n), index.shape[1])
+    weight = np.asarray(cotangents(template, faces)[own, index.ravel()]).reshape(index.shape) * mask
     total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
     return _table(index, weight / total)
 

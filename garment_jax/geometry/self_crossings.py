@@ -26,6 +26,7 @@ CHILDREN = 4  # groups of a patch at least, where there are so many
 PATCHES = 256  # at most: their pairs are all looked at in every frame
 PAIRS = 4096  # of patches that are looked into in one frame; more of them: `Found.overflow`
 MARGIN = 0.3  # by how much their normals have to leave a half-space, as a cosine
+BLOCK = 16  # places of a mask that are counted together
 AT_ONCE = 64  # pairs of patches, and of groups: what one turn of a loop takes
 
 
@@ -166,7 +167,7 @@ def find_self_crossings(V: Float[Array, "n 3"], tables: CrossingTables) -> Found
     What is not finite crosses nothing.
     """
     P = (V - V.mean(axis=0, keepdims=True)).T
-    corners, active = _near_patches(P, tables)
+    corners, active = _near(P, tables)
     none = Found(jnp.int32(0), jnp.zeros(tables.n, bool), jnp.array(False))
     return jax.lax.cond(active.any(), lambda: _looked(P, _enclosed(corners), active, tables), lambda: none)
 
@@ -201,7 +202,12 @@ def _overlap(one: _Boxes, other: _Boxes) -> Array:
     return ~(apart[0] | apart[1] | apart[2])
 
 
-def _near_patches(P: Float[Array, "3 n"], tables: CrossingTables) -> tuple[Array, Bool[Array, "p p"]]:
+def near_patches(V: Float[Array, "n 3"], tables: CrossingTables) -> Bool[Array, "p p"]:
+    """Return the pairs of patches of `V` (metres) in which crossings are looked for, each once."""
+    return _near((V - V.mean(axis=0, keepdims=True)).T, tables)[1]
+
+
+def _near(P: Float[Array, "3 n"], tables: CrossingTables) -> tuple[Array, Bool[Array, "p p"]]:
     """Return the corners of all faces, and the pairs of patches to be looked into, each once."""
     corners = coordinates_of(tables.faces, P.reshape(-1))
     return corners, _pairs(_enclosed(corners.reshape(3, 3, -1, len(tables.near))), tables)
@@ -215,25 +221,43 @@ def _pairs(patches: _Boxes, tables: CrossingTables) -> Bool[Array, "p p"]:
     return jnp.asarray(once) & _overlap(one, other) & (~jnp.asarray(tables.near) | _fold(one, other))
 
 
+class _Marked(NamedTuple):
+    """A mask in blocks: XLA's sum up to each of 65,536 places takes longer than all else here."""
+
+    blocks: jax.Array  # [b, BLOCK] bool
+    count: jax.Array  # [b] int32 true ones up to each block's end
+
+
+def _marked(mask: Bool[Array, " k"]) -> _Marked:
+    blocks = jnp.pad(mask, (0, -len(mask) % BLOCK)).reshape(-1, BLOCK)
+    return _Marked(blocks, jnp.cumsum(blocks.sum(axis=1, dtype=jnp.int32)))
+
+
 @noinline
-def _places(mask: Bool[Array, " k"], size: int) -> tuple[Int[Array, " size"], Int[Array, ""]]:
-    """Return where `mask` is true, `len(mask)` behind the last, and how often."""
-    count = jnp.cumsum(mask.astype(jnp.int32))
-    return jnp.searchsorted(count, jnp.arange(1, size + 1, dtype=jnp.int32)).astype(jnp.int32), count[-1]
+def _places(marked: _Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[Array, " q"]]:
+    """Return the places of the next `AT_ONCE` true ones after the first `at`, and which of these exist."""
+    wanted = at + jnp.arange(1, AT_ONCE + 1, dtype=jnp.int32)
+    block = jnp.searchsorted(marked.count, wanted)
+    there = block < len(marked.count)
+    block = jnp.minimum(block, len(marked.count) - 1)
+    inside = marked.blocks[block]
+    rank = wanted - (marked.count[block] - inside.sum(axis=1, dtype=jnp.int32))
+    within = (jnp.cumsum(inside.astype(jnp.int32), axis=1) < rank[:, None]).sum(axis=1)
+    return jnp.where(there, block * BLOCK + within, 0).astype(jnp.int32), there
 
 
 def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> Found:
     p = len(tables.near)
     children = tables.faces.shape[2] // p
-    pairs, many = _places(active.reshape(-1), PAIRS)
+    pairs = _marked(active.reshape(-1))
+    many = pairs.count[-1]
     own = np.arange(children, dtype=np.int32)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen = jax.lax.dynamic_slice(pairs, (at,), (AT_ONCE,))
-        there = chosen < p * p
+        chosen, there = _places(pairs, at)
         first, second = chosen // p, chosen % p
-        i = (jnp.minimum(first, p - 1)[None] + p * own[:, None])[:, None]
+        i = (first[None] + p * own[:, None])[:, None]
         j = (second[None] + p * own[:, None])[None]
         i, j = (jnp.broadcast_to(x, (children, children, AT_ONCE)).reshape(-1) for x in (i, j))
         once = (i <= j) | (i % p != j % p)
@@ -266,20 +290,19 @@ def _through(
     tables: CrossingTables,
 ) -> tuple[Array, Array]:
     """Return which edges and faces are `known` to cross, with those of these pairs of groups."""
-    places, many = _places(mask, -(-len(mask) // AT_ONCE) * AT_ONCE)
+    places = _marked(mask)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen = jax.lax.dynamic_slice(places, (at,), (AT_ONCE,))
-        there = chosen < len(mask)
-        one, other = (x[jnp.minimum(chosen, len(mask) - 1)] for x in pairs)
+        chosen, there = _places(places, at)
+        one, other = (x[chosen] for x in pairs)
         for a, b in ((one, other), (other, one)):
             crossed = _crossed(P, a, b, tables) & there[None, None]
             edges = edges.at[jnp.asarray(tables.edge)[:, a]].max(crossed.any(axis=1))
             faces = faces.at[:, b].max(crossed.any(axis=0))
         return at + AT_ONCE, edges, faces
 
-    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < many, turn, (jnp.int32(0), *known))
+    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < places.count[-1], turn, (jnp.int32(0), *known))
     return edges, faces
 
 

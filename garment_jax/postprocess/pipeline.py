@@ -38,7 +38,7 @@ from garment_jax.postprocess.rest import (
 from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
 from garment_jax.postprocess.untangling import UntangleState, faded, grown, init_untangle, untangle
 
-ROUNDS = 3  # of undoing self-crossings and pushing out of the body, in a frame
+ROUNDS = 4  # of undoing self-crossings and pushing out of the body, in a frame
 
 
 class BodyFrame(NamedTuple):
@@ -174,7 +174,8 @@ def _apart(
 ) -> tuple[UntangleState | None, Array, CollisionResult, CollisionState]:
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
-    What is pushed out of the body may be pushed into itself: then both again, a few times. A correction that
+    Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
+    and since what is pushed out of the body may be pushed into itself, again, a few times. A correction that
     is `kept` is part of `V` already.
     """
     own = tables.untangle
@@ -183,12 +184,14 @@ def _apart(
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         itself, _, _, _, rounds = carry
-        itself, x, left = jax.lax.cond(
-            kept, lambda: (itself, V, jnp.int32(0)), lambda: untangle(itself, V, own)
+        itself, x, _ = jax.lax.cond(
+            kept,
+            lambda: (itself, V, jnp.int32(0)),
+            lambda: untangle(itself, V, own, look=rounds > 0),
         )
         result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
         itself, left = jax.lax.cond(
-            kept | jnp.array_equal(result.V, x), lambda: (itself, left), lambda: grown(itself, result.V, own)
+            kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own)
         )
         return itself, left, result, collision, rounds + 1
 

@@ -1,10 +1,11 @@
 """Undo self-crossings: a fold that lies in itself is flattened until it does not.
 
-A network that predicts the mean of folds it cannot know has them pass through each other. Smoothed over four
-to eight centimetres around a crossing, cloth has none left, and is no farther from the truth. So every vertex
-has a weight of smoothing. It grows around what still crosses, pass by pass, and fades from frame to frame, so
-that a fold neither opens nor closes at once. A frame without crossings, after others without, comes back as
-it is. Not in the paper, whose stated limit it is.
+A network that predicts the mean of folds it cannot know has them pass through each other. Without its short
+waves around a crossing, cloth has none left, and is no farther from the truth. So every vertex has a weight:
+up to 1 it goes to the garment without waves of a hand's width, up to 2 to one without twice that. Weights
+grow around what still crosses, pass by pass, and fade from frame to frame, so that a fold neither opens nor
+closes at once. A frame without crossings, after others without, comes back as it is. Not in the paper, whose
+stated limit it is.
 """
 
 from typing import NamedTuple
@@ -12,11 +13,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
+from scipy.spatial import KDTree
 
-from garment_jax.geometry.boundary import boundary_edges
-from garment_jax.geometry.gather import coordinates_of
-from garment_jax.geometry.noinline import noinline
+from garment_jax.geometry.low_pass import LowPassTables, low_pass, make_low_pass
 from garment_jax.geometry.self_crossings import (
     CrossingTables,
     Found,
@@ -25,13 +25,14 @@ from garment_jax.geometry.self_crossings import (
 )
 from garment_jax.geometry.topology import neighbour_table
 
-REACH = 0.07  # metres over which a vertex of full weight is smoothed
-PASSES = 16  # of smoothing and looking in a frame
-GROWTH = 0.15  # of a weight of at most 1, where a pass still finds a crossing
-FADE = 0.9  # of the last frame's weights
+REACHES = (0.07, 0.14)  # metres, of weights 1 and 2
+PASSES = 16  # of flattening and looking in a frame
+GROWTH = 0.15  # of a weight, where a pass still finds a crossing
+FADE = 0.95  # of the last frame's weights
 GONE = 1e-3  # weight that counts as none
 AROUND = 0.85  # of the growth at a vertex, for its neighbours
 RINGS = 8  # neighbours of neighbours that grow with it
+HELD = 0.05  # metres from a pin within which cloth goes with it
 
 
 class UntangleTables(NamedTuple):
@@ -39,15 +40,15 @@ class UntangleTables(NamedTuple):
 
     crossings: CrossingTables
     ring: np.ndarray  # [k, n] int32 neighbours, padded with the vertex itself
-    mean: np.ndarray  # [k, n] float32 weights of their mean; on a border of those on it
-    free: np.ndarray  # [n] float32, 0 at pins
-    steps: int  # of smoothing
+    low_pass: LowPassTables
+    pin: np.ndarray  # [n] int32, the nearest one
+    held: np.ndarray  # [n] float32, 1 at a pin, 0 far from any
 
 
 class UntangleState(NamedTuple):
     """What one frame hands to the next."""
 
-    weight: jax.Array  # [n] 0 to 1, of smoothing
+    weight: jax.Array  # [n] 0 to 2, of flattening
 
 
 def make_untangle_tables(
@@ -55,28 +56,16 @@ def make_untangle_tables(
 ) -> UntangleTables:
     """Return the tables of a garment with at least one face (`template` in metres)."""
     n = len(template)
-    index, mask = neighbour_table(faces, n)
-    edges = boundary_edges(faces)
-    along = np.zeros(n, bool)
-    along[edges.ravel()] = True
-    both = {(int(a), int(b)) for a, b in edges} | {(int(b), int(a)) for a, b in edges}
-    keep = mask > 0
-    for i in np.flatnonzero(along):
-        keep[i] &= [(int(i), int(j)) in both for j in index[i]]
-    weight = keep / np.maximum(keep.sum(axis=1, keepdims=True), 1)
-    T = np.asarray(template, np.float64)
-    way = np.linalg.norm(T[index] - T[:, None], axis=-1)
-    length = float(way[mask > 0].mean()) if (mask > 0).any() else 1.0
-    # half a step towards the mean of neighbours at `length` has a variance of length^2 / 2, two ways of it
-    steps = int(np.clip(np.ceil(4 * (REACH / length) ** 2), 1, 200))
-    free = np.ones(n, np.float32)
-    free[pins] = 0
+    pin, held = np.zeros(n, np.int32), np.zeros(n, np.float32)
+    if len(pins):
+        far, nearest = KDTree(template[pins]).query(template)
+        pin, held = np.asarray(pins, np.int32)[nearest], np.exp(-((far / HELD) ** 2)).astype(np.float32)
     return UntangleTables(
         make_crossing_tables(template, faces),
-        np.ascontiguousarray(index.T, np.int32),
-        np.ascontiguousarray(weight.T, np.float32),
-        free,
-        steps,
+        np.ascontiguousarray(neighbour_table(faces, n).index.T, np.int32),
+        make_low_pass(template, faces, REACHES),
+        pin,
+        held,
     )
 
 
@@ -92,22 +81,23 @@ def faded(state: UntangleState) -> UntangleState:
 
 
 def untangle(
-    state: UntangleState, V: Float[Array, "n 3"], tables: UntangleTables
+    state: UntangleState,
+    V: Float[Array, "n 3"],
+    tables: UntangleTables,
+    *,
+    look: bool | Bool[Array, ""] = True,
 ) -> tuple[UntangleState, Float[Array, "n 3"], Int[Array, ""]]:
-    """Return the weights, `V` (metres) smoothed by them, and how many edges still go through a face.
+    """Return the weights, `V` (metres) flattened by them, and how many edges still go through a face.
 
     Where nothing crosses and all weights are 0, `V` comes back bitwise. Pins stay. A frame with a NaN comes
-    back as it is.
+    back as it is. Without `look` weights are taken as they are, and no edge counts.
     """
 
     def attempt(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         weight, _, _, passes = carry
-        x = jax.lax.cond(weight.any(), lambda: _smoothed(V, weight, tables), lambda: V)
-        found = find_self_crossings(x, tables.crossings)
-        weight = jax.lax.cond(
-            (found.edges > 0) & (passes + 1 < PASSES), lambda: _grown(weight, found, tables), lambda: weight
-        )
-        return weight, x, found.edges, passes + 1
+        x = jax.lax.cond(weight.any(), lambda: _flattened(V, weight, tables), lambda: V)
+        weight, left = jax.lax.cond(look, lambda: _looked(weight, x, tables), lambda: (weight, jnp.int32(0)))
+        return weight, x, left, passes + 1
 
     start = (state.weight, V, jnp.int32(1), jnp.int32(0))
     weight, x, left, _ = jax.lax.while_loop(lambda c: (c[2] > 0) & (c[3] < PASSES), attempt, start)
@@ -119,26 +109,23 @@ def grown(
     state: UntangleState, V: Float[Array, "n 3"], tables: UntangleTables
 ) -> tuple[UntangleState, Array]:
     """Return the weights, grown around what crosses in `V`, and how many edges do."""
+    weight, left = _looked(state.weight, V, tables)
+    return UntangleState(weight), left
+
+
+def _looked(weight: Array, V: Array, tables: UntangleTables) -> tuple[Array, Array]:
     found = find_self_crossings(V, tables.crossings)
-    weight = jax.lax.cond(found.edges > 0, lambda: _grown(state.weight, found, tables), lambda: state.weight)
-    return UntangleState(weight), found.edges
+    return jax.lax.cond(found.edges > 0, lambda: _grown(weight, found, tables), lambda: weight), found.edges
 
 
-def _smoothed(V: Array, weight: Array, tables: UntangleTables) -> Array:
-    half = 0.5 * weight * jnp.asarray(tables.free)
-
-    def step(_: Array, P: Array) -> Array:
-        return _towards(P, half, coordinates_of(tables.ring, P.reshape(-1)), tables.mean)
-
-    return jax.lax.fori_loop(0, tables.steps, step, V.T).T
-
-
-@noinline
-def _towards(P: Array, half: Array, around: Float[Array, "3 k n"], mean: np.ndarray) -> Array:
-    total = jnp.zeros_like(P)
-    for k in range(len(mean)):
-        total = total + jnp.asarray(mean[k])[None] * around[:, k]
-    return P + half[None] * (total - P)
+def _flattened(V: Array, weight: Array, tables: UntangleTables) -> Array:
+    pin, held = jnp.asarray(tables.pin), jnp.asarray(tables.held)
+    x, before = V, V
+    for level, flat in enumerate(low_pass(V, tables.low_pass)):
+        flat = flat - held[:, None] * (flat - V)[pin]
+        x = x + jnp.clip(weight - level, 0.0, 1.0)[:, None] * (flat - before)
+        before = flat
+    return jnp.where((held == 1.0)[:, None], V, x)
 
 
 def _grown(weight: Array, found: Found, tables: UntangleTables) -> Array:
@@ -146,4 +133,4 @@ def _grown(weight: Array, found: Found, tables: UntangleTables) -> Array:
         return jnp.maximum(b, AROUND * b[jnp.asarray(tables.ring)].max(axis=0))
 
     grown = jax.lax.fori_loop(0, RINGS, spread, found.vertices.astype(weight.dtype))
-    return jnp.minimum(weight + GROWTH * grown, 1.0)
+    return jnp.minimum(weight + GROWTH * grown, float(len(REACHES)))

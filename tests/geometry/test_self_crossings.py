@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 
+import ipctk
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,6 +78,32 @@ def test_what_is_not_finite_crosses_nothing():
     V = looped(0.05)
     V[7, 1] = np.nan
     assert int(find()(V).edges) == 0
+
+
+def counted_by_ipctk(V: np.ndarray, faces: np.ndarray) -> int:
+    """Return how many edges go through a face, by the toolkit of Incremental Potential Contact."""
+    edges, x = unique_edges(faces), V.astype(np.float64)
+    tree = ipctk.HashGrid()
+    tree.build(x, edges, faces, 1e-6)
+    pairs = [(pair.edge_id, pair.face_id) for pair in tree.detect_edge_face_candidates()]
+    pairs = [(e, f) for e, f in pairs if not {*edges[e]} & {*faces[f]}]
+    return len({e for e, f in pairs if ipctk.is_edge_intersecting_triangle(*x[edges[e]], *x[faces[f]])})
+
+
+@pytest.mark.parametrize("size", [0.03, 0.04, 0.06])
+def test_loops_cross_as_ipctk_counts_them(size: float):
+    V = looped(size) + 1e-4 * np.random.default_rng(1).normal(size=T.shape).astype(np.float32)
+    assert int(find()(V).edges) == counted_by_ipctk(V, FACES)
+    assert (size > 0.037) == (int(find()(V).edges) > 0)
+
+
+def test_pairs_of_triangles_cross_as_ipctk_counts_them():
+    faces = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    frames = np.random.default_rng(2).normal(size=(200, 6, 3)).astype(np.float32)
+    tables = make_crossing_tables(frames[0], faces)
+    found = jax.jit(jax.vmap(lambda V: find_self_crossings(V, tables).edges))(frames)
+    assert found.tolist() == [counted_by_ipctk(V, faces) for V in frames]
+    assert 0 < np.count_nonzero(found) < 200
 
 
 def test_two_triangles_through_each_other():

@@ -1,0 +1,119 @@
+"""What untangling costs and leaves, on rollouts made without collision handling.
+
+    garment-jax animate skirt MOTION --no-collision --out raw/MOTION.h5
+    python benchmarks/untangling.py raw/*.h5 [--vertices N] [--every 3] [--json FILE]
+
+Every frame is resolved twice, with and without, one call a frame, each call the best of three. A frame's
+cost is the difference. "near": frames that were flattened, or where patches had to be looked into; "far":
+the others. Edges through faces are counted by ipctk (extra `test`) in every third flattened frame, before
+and after. "pop" is the largest change of a vertex' correction between frames, with and without.
+"""
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+
+import ipctk
+import jax
+import jax.numpy as jnp
+import numpy as np
+from collision import Clip, calls_of, read
+
+from garment_jax.animation.chunks import scan_frames, solver_options
+from garment_jax.bench.figures import report
+from garment_jax.geometry.self_crossings import near_patches
+from garment_jax.geometry.topology import unique_edges
+from garment_jax.io.sequence import open_sequence
+from garment_jax.postprocess.pipeline import contact_init, contact_step
+from garment_jax.postprocess.untangling import make_untangle_tables
+
+PASSES = 3  # over a clip: each call's best counts
+
+
+def crossing_edges(V: np.ndarray, edges: np.ndarray, faces: np.ndarray) -> int:
+    """Return how many edges go through a face of `V` [n, 3], by ipctk."""
+    tree, x = ipctk.HashGrid(), V.astype(np.float64)
+    tree.build(x, edges, faces, 1e-6)
+    pairs = [(pair.edge_id, pair.face_id) for pair in tree.detect_edge_face_candidates()]
+    found = {
+        edge
+        for edge, face in pairs
+        if not set(edges[edge].tolist()) & set(faces[face].tolist())
+        and ipctk.is_edge_intersecting_triangle(*x[edges[edge]], *x[faces[face]])
+    }
+    return len(found)
+
+
+def resolved(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return each frame's milliseconds, its garment, whether it was flattened, and its pop (cm)."""
+    pieces = calls_of(clip, 1)
+    run = scan_frames(partial(contact_step, tables=clip.tables), solver_options(clip.V.shape[1]))
+    wall, garments, flattened, pops = np.full((PASSES, len(pieces)), np.nan), [], [], []
+    for again in range(PASSES):
+        first = jax.tree.map(lambda x: jnp.asarray(x[0]), (clip.V, clip.body))
+        carry = contact_init(*first, tables=clip.tables)
+        if again == 0:
+            jax.block_until_ready(run(carry, *pieces[0]))  # compiled
+            carry = contact_init(*first, tables=clip.tables)
+        for k, piece in enumerate(pieces):
+            began = time.perf_counter()
+            carry, V, figures = jax.block_until_ready(run(carry, *piece))
+            wall[again, k] = 1e3 * (time.perf_counter() - began)
+            if again == 0:
+                garments.append(np.asarray(V[0]))
+                flattened.append(carry.untangle is not None and bool(carry.untangle.weight.any()))
+                pops.append(float(figures.pop[0]))
+    return wall.min(axis=0), np.stack(garments), np.array(flattened), 100 * np.array(pops)
+
+
+def measure(path: Path, options: argparse.Namespace) -> dict:
+    """Return one clip's row."""
+    clip = read(path, options)
+    own = make_untangle_tables(clip.template, clip.faces, clip.tables.pins)
+    off, plain, _, pops_off = resolved(clip)
+    on, apart, flattened, pops = resolved(clip._replace(tables=clip.tables._replace(untangle=own)))
+    looked = jax.jit(partial(near_patches, tables=own.crossings))
+    near = flattened | np.array([bool(looked(jnp.asarray(V)).any()) for V in apart])
+    extra, edges = on - off, unique_edges(clip.faces)
+    changed = np.flatnonzero(flattened)[:: options.every]
+    counts = [[crossing_edges(V[k], edges, clip.faces) for k in changed] for V in (plain, apart)]
+    before, after = (np.array(each, int) for each in counts)
+    middle = lambda x: float(np.median(x)) if len(x) else float("nan")  # noqa: E731
+    return {
+        "clip": path.stem,
+        "frames": len(on),
+        "flattened": int(flattened.sum()),
+        "without ms": middle(off),
+        "far +ms": middle(extra[~near]),
+        "near +ms": middle(extra[near]),
+        "flattened +ms": middle(extra[flattened]),
+        "p95 +ms": float(np.percentile(extra[near], 95)) if near.any() else float("nan"),
+        "counted": len(changed),
+        "crossed before": int((before > 0).sum()),
+        "after": int((after > 0).sum()),
+        "most edges before": int(before.max(initial=0)),
+        "most after": int(after.max(initial=0)),
+        "pop before cm": float(pops_off.max()),
+        "pop cm": float(pops.max()),
+        "change cm": 100 * float(np.linalg.norm(apart - plain, axis=-1).max()),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("sequences", type=Path, nargs="+")
+    parser.add_argument("--frames", type=int, default=10_000, help="of each sequence at most")
+    parser.add_argument("--vertices", type=int, help="of the garment, no fewer than it has")
+    parser.add_argument("--every", type=int, default=3, help="of the flattened frames are counted")
+    parser.add_argument("--json", type=Path)
+    parser.set_defaults(whole_body=False, solver_alone=False)
+    options = parser.parse_args()
+    with open_sequence(options.sequences[0]) as clip:
+        vertices = options.vertices or len(clip.scene.garment.template)
+    rows = [measure(path, options) for path in options.sequences]
+    report(rows, title="untangling a frame", facts={"vertices": vertices}, json_path=options.json)
+
+
+if __name__ == "__main__":
+    main()
