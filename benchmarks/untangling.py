@@ -13,6 +13,7 @@ import argparse
 import time
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import ipctk
 import jax
@@ -20,12 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from collision import Clip, calls_of, read
 
-from garment_jax.animation.chunks import scan_frames, solver_options
+from garment_jax.animation.chunks import Step, scan_frames, solver_options
 from garment_jax.bench.figures import report
 from garment_jax.geometry.self_crossings import near_patches
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.io.sequence import open_sequence
 from garment_jax.postprocess.pipeline import contact_init, contact_step
+from garment_jax.postprocess.tables import ContactTables
 from garment_jax.postprocess.untangling import make_untangle_tables
 
 PASSES = 3  # over a clip: each call's best counts
@@ -45,17 +47,39 @@ def crossing_edges(V: np.ndarray, edges: np.ndarray, faces: np.ndarray) -> int:
     return len(found)
 
 
-def resolved(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+class Program(NamedTuple):
+    """Contacts of a garment and its body, compiled once."""
+
+    tables: ContactTables
+    run: Step
+
+
+def programs(clip: Clip, *, known: list[tuple[Clip, Program, Program]]) -> tuple[Program, Program]:
+    """Return the programs without and with untangling; `known` keeps them for clips of the same scene."""
+    for other, *both in known:
+        pairs = [(x.template, x.faces, x.tables.pins) for x in (other, clip)]
+        if all(np.array_equal(a, b) for a, b in zip(*pairs, strict=True)):  # of one model: one body
+            return both[0], both[1]
+    own = make_untangle_tables(clip.template, clip.faces, clip.tables.pins)
+    options = solver_options(clip.V.shape[1])
+    off, on = (
+        Program(tables, scan_frames(partial(contact_step, tables=tables), options))
+        for tables in (clip.tables, clip.tables._replace(untangle=own))
+    )
+    known.append((clip, off, on))
+    return off, on
+
+
+def resolved(clip: Clip, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return each frame's milliseconds, its garment, whether it was flattened, and its pop (cm)."""
-    pieces = calls_of(clip, 1)
-    run = scan_frames(partial(contact_step, tables=clip.tables), solver_options(clip.V.shape[1]))
+    pieces, (tables, run) = calls_of(clip, 1), program
     wall, garments, flattened, pops = np.full((PASSES, len(pieces)), np.nan), [], [], []
     for again in range(PASSES):
         first = jax.tree.map(lambda x: jnp.asarray(x[0]), (clip.V, clip.body))
-        carry = contact_init(*first, tables=clip.tables)
+        carry = contact_init(*first, tables=tables)
         if again == 0:
             jax.block_until_ready(run(carry, *pieces[0]))  # compiled
-            carry = contact_init(*first, tables=clip.tables)
+            carry = contact_init(*first, tables=tables)
         for k, piece in enumerate(pieces):
             began = time.perf_counter()
             carry, V, figures = jax.block_until_ready(run(carry, *piece))
@@ -67,12 +91,14 @@ def resolved(clip: Clip) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
     return wall.min(axis=0), np.stack(garments), np.array(flattened), 100 * np.array(pops)
 
 
-def measure(path: Path, options: argparse.Namespace) -> dict:
+def measure(path: Path, options: argparse.Namespace, known: list) -> dict:
     """Return one clip's row."""
     clip = read(path, options)
-    own = make_untangle_tables(clip.template, clip.faces, clip.tables.pins)
-    off, plain, _, pops_off = resolved(clip)
-    on, apart, flattened, pops = resolved(clip._replace(tables=clip.tables._replace(untangle=own)))
+    without, with_it = programs(clip, known=known)
+    off, plain, _, pops_off = resolved(clip, without)
+    on, apart, flattened, pops = resolved(clip, with_it)
+    own = with_it.tables.untangle
+    assert own is not None
     looked = jax.jit(partial(near_patches, tables=own.crossings))
     near = flattened | np.array([bool(looked(jnp.asarray(V)).any()) for V in apart])
     extra, edges = on - off, unique_edges(clip.faces)
@@ -111,7 +137,8 @@ def main() -> None:
     options = parser.parse_args()
     with open_sequence(options.sequences[0]) as clip:
         vertices = options.vertices or len(clip.scene.garment.template)
-    rows = [measure(path, options) for path in options.sequences]
+    known: list[tuple[Clip, Program, Program]] = []  # of one model's clips: compiled once
+    rows = [measure(path, options, known) for path in options.sequences]
     report(rows, title="untangling a frame", facts={"vertices": vertices}, json_path=options.json)
 
 
