@@ -320,5 +320,5 @@ def test_a_part_that_is_none_and_workers_of_a_farm_are_refused(model: str, here:
     assert "--farm nowhere is no scheduler" in refused([model, "--farm", "nowhere"], capsys)
     both = refused([model, "--farm", "tcp://localhost:1", "--workers", "2"], capsys)
     assert "leave it out with --farm" in both
-    assert "workers=0 must be 1 or more" in refused([model, "--workers", "0"], capsys)
+    assert "--workers 0 is too small; give 1 or more." in refused([model, "--workers", "0"], capsys)
     assert names(here) == []
