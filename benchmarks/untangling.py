@@ -10,17 +10,18 @@ and after. "pop" is the largest change of a vertex' correction between frames, w
 """
 
 import argparse
+import sys
 import time
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import ipctk
 import jax
 import jax.numpy as jnp
 import numpy as np
 from collision import Clip, calls_of, read
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the count lives with the tests
 from garment_jax.animation.chunks import Step, scan_frames, solver_options
 from garment_jax.bench.figures import report
 from garment_jax.geometry.self_crossings import near_patches
@@ -29,22 +30,9 @@ from garment_jax.io.sequence import open_sequence
 from garment_jax.postprocess.pipeline import contact_init, contact_step
 from garment_jax.postprocess.tables import ContactTables
 from garment_jax.postprocess.untangling import make_untangle_tables
+from tests.reference.crossing_edges import crossing_edges
 
 PASSES = 3  # over a clip: each call's best counts
-
-
-def crossing_edges(V: np.ndarray, edges: np.ndarray, faces: np.ndarray) -> int:
-    """Return how many edges go through a face of `V` [n, 3], by ipctk."""
-    tree, x = ipctk.HashGrid(), V.astype(np.float64)
-    tree.build(x, edges, faces, 1e-6)
-    pairs = [(pair.edge_id, pair.face_id) for pair in tree.detect_edge_face_candidates()]
-    found = {
-        edge
-        for edge, face in pairs
-        if not set(edges[edge].tolist()) & set(faces[face].tolist())
-        and ipctk.is_edge_intersecting_triangle(*x[edges[edge]], *x[faces[face]])
-    }
-    return len(found)
 
 
 class Program(NamedTuple):

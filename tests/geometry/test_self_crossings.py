@@ -2,7 +2,6 @@
 
 from functools import lru_cache
 
-import ipctk
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from garment_jax.evaluation.self_intersections import self_intersections
 from garment_jax.geometry.self_crossings import find_self_crossings, make_crossing_tables
 from garment_jax.geometry.topology import unique_edges
 from tests.postprocess.sheets import FACES, T, looped
+from tests.reference.crossing_edges import crossing_edges
 
 
 @lru_cache
@@ -80,20 +80,10 @@ def test_what_is_not_finite_crosses_nothing():
     assert int(find()(V).edges) == 0
 
 
-def counted_by_ipctk(V: np.ndarray, faces: np.ndarray) -> int:
-    """Return how many edges go through a face, by the toolkit of Incremental Potential Contact."""
-    edges, x = unique_edges(faces), V.astype(np.float64)
-    tree = ipctk.HashGrid()
-    tree.build(x, edges, faces, 1e-6)
-    pairs = [(pair.edge_id, pair.face_id) for pair in tree.detect_edge_face_candidates()]
-    pairs = [(e, f) for e, f in pairs if not {*edges[e]} & {*faces[f]}]
-    return len({e for e, f in pairs if ipctk.is_edge_intersecting_triangle(*x[edges[e]], *x[faces[f]])})
-
-
 @pytest.mark.parametrize("size", [0.03, 0.04, 0.06])
 def test_loops_cross_as_ipctk_counts_them(size: float):
     V = looped(size) + 1e-4 * np.random.default_rng(1).normal(size=T.shape).astype(np.float32)
-    assert int(find()(V).edges) == counted_by_ipctk(V, FACES)
+    assert int(find()(V).edges) == crossing_edges(V, unique_edges(FACES), FACES)
     assert (size > 0.037) == (int(find()(V).edges) > 0)
 
 
@@ -102,7 +92,7 @@ def test_pairs_of_triangles_cross_as_ipctk_counts_them():
     frames = np.random.default_rng(2).normal(size=(200, 6, 3)).astype(np.float32)
     tables = make_crossing_tables(frames[0], faces)
     found = jax.jit(jax.vmap(lambda V: find_self_crossings(V, tables).edges))(frames)
-    assert found.tolist() == [counted_by_ipctk(V, faces) for V in frames]
+    assert found.tolist() == [crossing_edges(V, unique_edges(faces), faces) for V in frames]
     assert 0 < np.count_nonzero(found) < 200
 
 
