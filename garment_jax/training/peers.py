@@ -56,6 +56,7 @@ class Peers:
         self._given: dict[int, dict[int, Any]] = {}  # of process 0: round -> process -> value
         self._rounds: dict[int, list[Any]] = {}  # round -> the values of all
         self._round, self._over, self._parting = 0, False, False
+        self._ending, self._ended = False, threading.Event()
         self._thread = threading.Thread(target=self._watch, name="peers", daemon=True)
         self._thread.start()
 
@@ -88,16 +89,23 @@ class Peers:
             link.close()
 
     def end_all(self, code: int, sentence: str) -> None:
-        """Tell all processes to end with `code` and that sentence, and end this one."""
-        with self._state:  # one end for each process
-            if self._over:
-                return
-            self._over = True
+        """Tell all processes to end with `code` and that sentence, and end this one.
+
+        Does nothing after a parting in peace. While another thread ends this process, it waits for that.
+        """
+        with self._state:  # one end, with one sentence, for each process
+            first, self._over = not self._over, True
+            self._ending = self._ending or first
+        if not first:
+            if self._ending:
+                self._ended.wait()
+            return
         for process in self._links:
             self._send(process, ["end", code, sentence])
         if self.index == 0:  # JAX's service lives here: it ends last, or JAX of the others complains of that
             self._see_off()
         self._end(code, sentence)
+        self._ended.set()
 
     def _see_off(self) -> None:
         """Wait for the others to end, for `LEAVING` seconds at most."""

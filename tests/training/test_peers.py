@@ -121,6 +121,32 @@ def test_a_refusal_of_one_is_said_by_all() -> None:
         assert set(group.ends.values()) == {(2, "process 1 on there: no clips.")}
 
 
+def test_the_main_thread_says_nothing_while_another_thread_ends_its_process() -> None:
+    with Group(2) as group:
+        note, may_end, went_on = group.members[1]._end, threading.Event(), threading.Event()
+
+        def end_slowly(code: int, sentence: str) -> None:
+            may_end.wait(10)
+            note(code, sentence)
+
+        group.members[1]._end = end_slowly
+        group.members[0].end_all(2, "no clips.")
+
+        def main() -> None:
+            while not group.members[1]._ending:  # until the watching thread has read that sentence
+                may_end.wait(0.01)
+            group.members[1].end_all(2, "process 1 on there: no clips.")
+            went_on.set()
+
+        thread = threading.Thread(target=main)
+        thread.start()
+        assert not went_on.wait(0.5)
+        may_end.set()
+        assert went_on.wait(10)
+        thread.join()
+    assert group.ends == {0: (2, "no clips."), 1: (2, "no clips.")}
+
+
 def test_process_0_ends_after_the_others() -> None:
     with Group(3) as group:
         order: list[int] = []
