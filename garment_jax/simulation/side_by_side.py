@@ -4,8 +4,8 @@ The same cloth as `newton_cloth`, the same steps in the same order: Newton's Sty
 operations a vertex, a face or an edge, and conjugate gradients, some 2,000 iterations a frame. One clip is
 far too little for a GPU, which would wait between one small launch and the next; of many clips each
 launch does one operation for all, and a block of threads solves each clip's equations. All of a
-frame is recorded once and replayed. Without self-collision. Import this module only where something is
-simulated: it loads newton and warp, and raises `ValueError` without them.
+frame is recorded once and replayed. Import this module only where something is simulated: it loads newton
+and warp, and raises `ValueError` without them.
 """
 
 # pyright: reportMissingImports=false
@@ -24,6 +24,7 @@ from garment_jax.simulation.body_contact import is_closed
 from garment_jax.simulation.conjugate_gradients import make_matrix, make_work, solve
 from garment_jax.simulation.engine import wp
 from garment_jax.simulation.newton_cloth import Progress, make_solver
+from garment_jax.simulation.self_contact import SelfContact
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, begun
 from garment_jax.structs import Collider, Motion, Scene
@@ -59,13 +60,12 @@ class _Cloth(NamedTuple):
 class SideBySide:
     """As many as `clips` garments with their bodies on `device`: "cuda", "cuda:1" ("cpu" is slow).
 
-    Raises `ValueError` for settings with self-collision and for a device that is not there.
+    Raises `ValueError` for a device that is not there.
     """
 
     def __init__(
         self, scene: Scene, settings: ClothSettings, flat: np.ndarray | None, clips: int, device: str
     ) -> None:
-        check_settings(settings)
         surface = _surface(scene)
         self._scene, self._faces = scene._replace(collider=surface), surface.faces
         self._closed = int(is_closed(surface.faces))
@@ -94,6 +94,10 @@ class SideBySide:
         self._work = make_work(self._n, clips, self._device)
         self._touching = self._contact_inputs(solver, free)
         self._mesh = self._bodies()
+        self._self_contact = None
+        if settings.self_collision:
+            diagonal, half = self._cloth.diagonal.numpy(), 0.45 * self._spacing()
+            self._self_contact = SelfContact(solver, diagonal, clips, self._cell, half, self._device)
         self._recording: Any = None  # of a frame's launches, on a GPU
 
     @property
@@ -148,11 +152,14 @@ class SideBySide:
 
     def _cells(self) -> np.ndarray:
         """Return where each clip's body stands, its root there, in the tree that all of them share."""
-        body = self._scene.body
-        radius = np.linalg.norm(body.vertices - body.joints[0], axis=1).max()
         side = int(np.ceil(self.clips ** (1 / 3) - 1e-9))
         places = np.stack(np.unravel_index(np.arange(self.clips), (side,) * 3), axis=1)
-        return _APART * radius * (places - (side - 1) / 2)
+        return self._spacing() * (places - (side - 1) / 2)
+
+    def _spacing(self) -> float:
+        """Return how far each of them is from the next, in metres."""
+        body = self._scene.body
+        return _APART * float(np.linalg.norm(body.vertices - body.joints[0], axis=1).max())
 
     def _contact_inputs(self, solver: Any, free: np.ndarray) -> list:
         """Return what Newton's contact forces take beside the time step: one contact a free vertex."""
@@ -305,6 +312,8 @@ class SideBySide:
         shares = cloth.start, cloth.face, cloth.share, self._change, cloth.diagonal
         state = self._x, self._v, self._before, self._inertia, self._dx
         self._launch(kernels.begin_substep, n, dt, fall, *shares, *state)
+        if self._self_contact is not None:
+            self._self_contact.find(part, self._root, self._x)
         for iteration in range(settings.iterations):
             self._iterate(warm=iteration == 0)
         self._launch(kernels.end_substep, n, dt, KEPT, self._before, self._x, self._v)
@@ -317,6 +326,8 @@ class SideBySide:
         state = self._warp, self._weft, self._x, self._inertia, self._right, self._contact
         self._launch(kernels.gather_forces, n, dt, cloth.mass, *parts, *state)
         right, contact = self._right.flatten(), self._contact.flatten()
+        if self._self_contact is not None:
+            self._self_contact.push(self._x.flatten(), right, contact)
         wp.launch(
             eval_body_contact_kernel,
             dim=self.clips * len(self._free),
@@ -337,12 +348,6 @@ class SideBySide:
             warm=warm,
         )
         self._launch(kernels.advance, n, self._x, self._dx)
-
-
-def check_settings(settings: ClothSettings) -> None:
-    """Raise `ValueError` for settings that are simulated on a CPU alone."""
-    if settings.self_collision:
-        raise ValueError("self_collision=on is simulated on a CPU alone; take the device cpu.")
 
 
 def find_device(name: str) -> Any:

@@ -145,9 +145,8 @@ def check_simulation(config: SimulationConfig) -> None:
 
     if config.device == "cpu":
         return
-    from garment_jax.simulation.side_by_side import check_settings, find_device
+    from garment_jax.simulation.side_by_side import find_device
 
-    check_settings(settings)
     find_device(config.device)
 
 
