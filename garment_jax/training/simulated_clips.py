@@ -137,7 +137,7 @@ class _Known:
 
 def check_simulation(config: SimulationConfig) -> None:
     """Raise `ValueError` or `OSError` for what could not be simulated, before any clip is read."""
-    settings, _ = _cloth(config, ClothSettings().fps)
+    _cloth(config, ClothSettings().fps)
     parse_kinds(config.kinds)
     if config.dir and Path(config.dir).is_file():
         raise ValueError(f"simulation.dir {config.dir} is a file; name a folder.")

@@ -9,7 +9,9 @@ import pytest
 from garment_jax.simulation.settings import ClothSettings
 from tests.reference.scene import make_scene
 
-newton = pytest.importorskip("newton")
+pytest.importorskip("newton")
+import newton
+
 from garment_jax.simulation.engine import wp
 from garment_jax.simulation.newton_cloth import make_solver
 from garment_jax.simulation.self_contact import ROWS, SelfContact
