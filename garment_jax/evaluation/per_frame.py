@@ -95,7 +95,9 @@ def sampled_frames(
         row = {"frame": frame, "hausdorff_cm": hausdorff_frame(v, v_star, tables.faces)}
         for prefix, x in (("", v), ("truth_", v_star)):
             row[f"{prefix}silhouette_cm2"] = silhouette_cm2(x, tables.faces, float(yaw[frame - start]))
-            row[f"{prefix}self_intersecting_edges"] = self_intersections(x, tables.faces, tables.edges)
+            itself = self_intersections(x, tables.faces, tables.edges)
+            row[f"{prefix}self_intersecting_edges"] = itself.edges
+            row[f"{prefix}self_penetrating_cm2"] = itself.area_cm2
             row |= {prefix + name: value for name, value in _inside(x, held, *solids).items()}
         for name, value in row.items():
             rows.setdefault(name, []).append(value)

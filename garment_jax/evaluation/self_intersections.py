@@ -1,25 +1,64 @@
-"""Edges of a garment that cross a triangle of the same garment (method, "Metrics")."""
+"""Where a garment goes through itself: edges through triangles, and the cloth behind them."""
+
+from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from garment_jax.evaluation.triangles import crosses
+from garment_jax.evaluation.triangles import cross, crosses
 from garment_jax.geometry.topology import unique_edges
 
 
-def self_intersections(V: np.ndarray, faces: np.ndarray, edges: np.ndarray | None = None) -> int:
-    """Return how many edges of one frame `V` `[n, 3]` cross a triangle they share no vertex with.
+class SelfIntersections(NamedTuple):
+    """Where one frame goes through itself."""
+
+    edges: int  # that cross a triangle they share no vertex with
+    vertices: np.ndarray  # [n] bool, ends of these edges and corners of these triangles
+    area_cm2: float  # of cloth on the other side: what these edges cut off from the rest of its piece
+
+
+def self_intersections(
+    V: np.ndarray, faces: np.ndarray, edges: np.ndarray | None = None
+) -> SelfIntersections:
+    """Return where one frame `V` `[n, 3]` (metres) goes through itself.
 
     A crossing is proper: the edge's ends lie strictly on both sides of the triangle's plane and the
-    edge's line passes strictly through it; touching does not count. `edges` `[e, 2]` may be passed
-    to spare computing them for every frame.
+    edge's line passes strictly through it; touching does not count. An edge that crosses an odd number of
+    triangles leads to the other side; cloth that is joined to the larger part of its piece by no other edge
+    is on the other side (Baraff, Witkin and Kass 2003, "Untangling cloth", flood fill). `edges` `[e, 2]` may
+    be passed to spare computing them for every frame.
     """
     edges = unique_edges(faces) if edges is None else edges
     V = V.astype(np.float64)
     V = V - V.mean(axis=0)
     edge, face = _candidates(V, faces, edges)
     crossing = crosses(V[edges[edge]], V[faces[face]])
-    return len(np.unique(edge[crossing]))
+    edge, face = edge[crossing], face[crossing]
+    vertices = np.zeros(len(V), bool)
+    vertices[edges[edge]] = vertices[faces[face]] = True
+    count = np.bincount(edge, minlength=len(edges))
+    area = _other_side(V, faces, edges, count % 2 == 1) if len(edge) else 0.0
+    return SelfIntersections(int((count > 0).sum()), vertices, 1e4 * area)
+
+
+def _other_side(V: np.ndarray, faces: np.ndarray, edges: np.ndarray, cut: np.ndarray) -> float:
+    """Return the area (m²) of what `cut` edges `[e]` part from the largest rest of each piece of cloth."""
+    corners = V[faces]
+    doubled = np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    own = np.bincount(faces.ravel(), np.repeat(doubled / 6, 3), len(V))
+    _, piece = _parts(edges, len(V))
+    parts, part = _parts(edges[~cut], len(V))
+    area = np.bincount(part, own, parts)
+    largest = np.zeros(piece.max() + 1)
+    np.maximum.at(largest, piece, area[part])
+    return float(own.sum() - largest.sum())
+
+
+def _parts(edges: np.ndarray, n: int) -> tuple[int, np.ndarray]:
+    joined = coo_matrix((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), (n, n))
+    return connected_components(joined, directed=False)
 
 
 def _candidates(V: np.ndarray, faces: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

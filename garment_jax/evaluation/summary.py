@@ -88,10 +88,8 @@ def _contact(sampled: Columns, prefix: str) -> Metrics:
         inside, deepest = f"{prefix}{part}inside_percent", f"{prefix}{part}deepest_mm"
         figures[inside] = _mean(sampled, inside)
         figures[deepest] = float(sampled[deepest].max()) if deepest in sampled else None
-    means = tuple(
-        prefix + name for name in ("pins_inside_percent", "pinched_percent", "self_intersecting_edges")
-    )
-    return figures | {name: _mean(sampled, name) for name in means}
+    means = "pins_inside_percent", "pinched_percent", "self_intersecting_edges", "self_penetrating_cm2"
+    return figures | {prefix + name: _mean(sampled, prefix + name) for name in means}
 
 
 def _hem(positions: Columns) -> Metrics:

@@ -18,6 +18,8 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("of truth %", "truth_pierced_percent", ".1f"),
     ("self-int. edges", "self_intersecting_edges", ".1f"),
     ("of truth", "truth_self_intersecting_edges", ".1f"),
+    ("self-pen. cm²", "self_penetrating_cm2", ".1f"),
+    ("of truth", "truth_self_penetrating_cm2", ".1f"),
     ("hem height diff. cm", "hem_height_difference_cm", "+.2f"),
     ("hem motion ÷ truth", "hem_motion_std_ratio", ".2f"),
     ("strain %", "strain_mean_percent", ".2f"),

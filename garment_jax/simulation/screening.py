@@ -69,7 +69,7 @@ def screen_clip(scene: Scene, motion: Motion, V: np.ndarray, *, every: int = 10)
     inside = _penetration(scene, motion, V, which)
     height = _hem_height(scene, motion, V)
     rise = _rise(height, _hangs(motion))
-    crossings = [self_intersections(V[t].astype(np.float64), garment.faces, edges) for t in which]
+    crossings = [self_intersections(V[t].astype(np.float64), garment.faces, edges).edges for t in which]
     return Screen(
         len(V),
         float(inside[:, 1].max(initial=0.0)),

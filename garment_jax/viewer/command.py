@@ -15,7 +15,7 @@ from garment_jax.evaluation.pair import read_finite
 from garment_jax.evaluation.penetration import TOLERANCE_MM
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.overwriting import check_free
-from garment_jax.viewer.inside import inside_bits
+from garment_jax.viewer.marks import find_marks
 from garment_jax.viewer.page import PageWriter
 from garment_jax.viewer.payload import CHUNK, Walk, make_walk, pack_array, pack_chunk, quantise, step_for
 from garment_jax.viewer.posed_body import WEIGHTS, PageBody, joint_matrices, make_page_body
@@ -50,8 +50,9 @@ def view_files(
     """Write the page `out`, which plays `paths`, sequence files of one garment on one motion.
 
     Errors are measured against `truth`, by default the last of several files of kind "simulated".
-    `scale_cm` ends the error's colours (by default a round number that fits). `penetration` marks the
-    vertices inside the collider, which takes a tenth of a second a frame and file. `force` replaces a page
+    `scale_cm` ends the error's colours (by default a round number that fits). `penetration` marks
+    vertices inside the collider and where the garment goes through itself, which takes a tenth of a second a
+    frame and file. `force` replaces a page
     that is there. `report` is called with what is being done and how much of it is.
 
     Raises ValueError, OSError or FileNotFoundError in one sentence; then nothing is written.
@@ -139,14 +140,15 @@ def _sequences(
             chunks.append(page.add(pack_chunk(quantise(relative, step), walk)))
             done = min(CHUNK * len(chunks), len(shown.frames))
             report(f"packing {clip.path.name}", done, len(shown.frames))
-        inside = None
+        marks = {"inside": None, "crossing": None}
         if penetration:
             words = f"measuring penetration of {clip.path.name}"
-            bits = inside_bits(clip, shown.frames, lambda done, w=words: report(w, done, len(shown.frames)))
-            inside = page.add(pack_array(bits))
+            found = find_marks(clip, shown.frames, lambda done, w=words: report(w, done, len(shown.frames)))
+            bits = found._asdict().items()
+            marks = {name: None if each is None else page.add(pack_array(each)) for name, each in bits}
         kind = "truth" if i == shown.truth else kinds[i]
         sequences.append({"name": clip.name, "file": clip.path.name, "kind": kind, "chunks": chunks})
-        sequences[-1] |= {"colour": colours[i].tolist(), "inside": inside, "tolerance_mm": TOLERANCE_MM}
+        sequences[-1] |= {"colour": colours[i].tolist(), **marks, "tolerance_mm": TOLERANCE_MM}
     return sequences
 
 

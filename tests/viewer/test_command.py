@@ -43,13 +43,13 @@ def test_what_is_asked_for_is_in_the_page_and_nothing_else(pair, tmp_path):
     view_files(pair[:1], tmp_path / "p.html", body=False, title="A <b>", scale_cm=3)
     facts, _ = read_page(tmp_path / "p.html")
     assert facts["body"] is None
-    assert facts["sequences"][0]["inside"] is None
+    assert facts["sequences"][0]["inside"] is facts["sequences"][0]["crossing"] is None
     assert (facts["title"], facts["scale_cm"]) == ("A <b>", 3)
     assert facts["sequences"][0]["colour"] == PREDICTION.tolist()  # as in films and sheets
     view_files(pair, tmp_path / "p.html", penetration=True, force=True)
     facts, blocks = read_page(tmp_path / "p.html")
     for sequence in facts["sequences"]:
-        assert len(blocks[sequence["inside"]]) == 11 * 16
+        assert len(blocks[sequence["inside"]]) == len(blocks[sequence["crossing"]]) == 11 * 16
     assert [s["colour"] for s in facts["sequences"]] == [PREDICTION.tolist(), TRUTH.tolist()]
     colours = np.frombuffer(blocks[facts["body"]["colours"]], np.uint8).reshape(-1, 3)
     np.testing.assert_allclose(colours / 255, body_colours(make_scene().body), atol=0.5 / 255)

@@ -1,6 +1,7 @@
 """The page in a headless Chromium: what only a browser can tell."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -95,10 +96,11 @@ def test_positions_in_the_page_are_the_file_s(browser, page):
 def test_marks_are_those_measured(browser):
     counts = browser.evaluate(
         "(() => { const c = garmentViewer.clips[0]; const w = Math.ceil(c.vertices / 8);"
-        " return [c.bits.length / w, document.querySelector('.label .inside').textContent]; })()"
+        " return [c.marks.inside.length / w, c.marks.crossing.length / w,"
+        " document.querySelector('.label .inside').textContent]; })()"
     )
-    assert counts[0] == 20
-    assert counts[1].endswith("%)")
+    assert counts[:2] == [20, 20]
+    assert re.fullmatch(r"\d+ vert\w+ inside \(.* %\), \d+ vert\w+ through itself \(.* %\)", counts[2])
 
 
 def test_it_plays_and_stops(browser):

@@ -9,8 +9,8 @@ class GarmentFigure {
     this.position = dynamic(3);
     this.normal = dynamic(3);
     this.error = dynamic(1);
-    this.inside = dynamic(1);
-    const attributes = { position: this.position, normal: this.normal, error: this.error, inside: this.inside };
+    this.mark = dynamic(1); // 0 none, 1 inside the body, 2 through itself
+    const attributes = { position: this.position, normal: this.normal, error: this.error, mark: this.mark };
     const geometry = (index) => {
       const made = new THREE.BufferGeometry();
       for (const [name, attribute] of Object.entries(attributes)) made.setAttribute(name, attribute);
@@ -30,9 +30,9 @@ class GarmentFigure {
     });
   }
 
-  // Takes frame's positions, normals, errors and marks; returns { rmse, largest, inside } where known.
+  // Takes frame's positions, normals, errors and marks; returns { rmse, largest, inside, crossing } where known.
   show(frame, truth, step) {
-    const { steps, vertices: n, bits } = this.clip;
+    const { steps, vertices: n, marks } = this.clip;
     const positions = this.position.array;
     for (let i = 0, at = 3 * n * frame; i < 3 * n; i++, at++) positions[i] = step * steps[at];
     vertexNormals(positions, this.faces, this.normal.array);
@@ -42,11 +42,16 @@ class GarmentFigure {
       Object.assign(figures, measureFrame(steps, truth.steps, frame, n, 100 * step, this.error.array));
       this.error.needsUpdate = true;
     }
-    if (bits) {
+    if (marks) {
       const row = Math.ceil(n / 8) * frame;
-      for (let i = 0; i < n; i++) this.inside.array[i] = (bits[row + (i >> 3)] >> (i & 7)) & 1;
-      this.inside.needsUpdate = true;
-      figures.inside = countBits(bits, row, row + Math.ceil(n / 8));
+      this.mark.array.fill(0);
+      for (const [value, name] of [[2, "crossing"], [1, "inside"]]) {
+        const bits = marks[name];
+        if (!bits) continue;
+        for (let i = 0; i < n; i++) if ((bits[row + (i >> 3)] >> (i & 7)) & 1) this.mark.array[i] = value;
+        figures[name] = countBits(bits, row, row + Math.ceil(n / 8));
+      }
+      this.mark.needsUpdate = true;
     }
     return figures;
   }
@@ -64,7 +69,7 @@ class GarmentFigure {
     this.wire.visible = see.wire;
     const ink = over ? this.clip.colour.map((c) => 0.55 * c) : [0.04, 0.05, 0.07];
     this.wire.material.uniforms.ink.value.set(...ink);
-    this.marks.visible = see.inside && Boolean(this.clip.bits);
+    this.marks.visible = see.inside && Boolean(this.clip.marks);
   }
 }
 

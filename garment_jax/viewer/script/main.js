@@ -59,7 +59,11 @@ async function build() {
 
 // Unpacks chunk after chunk; what is there can be played at once.
 async function unpack(walk) {
-  for (const clip of clips) if (clip.inside) clip.bits = new Uint8Array(await readBlock(clip.inside));
+  for (const clip of clips) {
+    for (const name of ["inside", "crossing"]) {
+      if (clip[name]) clip.marks = { ...clip.marks, [name]: new Uint8Array(await readBlock(clip[name])) };
+    }
+  }
   const size = 3 * facts.vertices;
   const errors = new Float32Array(facts.vertices);
   for (let c = 0, start = 0; start < facts.frames; c++) {
@@ -158,7 +162,7 @@ function setScale(cm) {
 function wire() {
   const allowed = {
     overlay: clips.length > 1, error: Boolean(measured.length), body: Boolean(facts.body), wire: true,
-    inside: clips.some((clip) => clip.inside), follow: true,
+    inside: clips.some((clip) => clip.crossing), follow: true,
   };
   const flip = wireChoices(see, allowed, (name) => {
     if (name === "overlay") layOut();

@@ -126,27 +126,31 @@ function wireMaterial() {
   });
 }
 
-// Marks lie inside the body: they are drawn 4 cm nearer to the eye, so that its surface does not hide them.
+// Marks lie inside the body or between folds: they are drawn 4 cm nearer to the eye, so that no surface hides them.
 function markMaterial(shared) {
   return new THREE.ShaderMaterial({
     transparent: true,
     uniforms: shared,
     vertexShader: `
-      attribute float inside;
+      attribute float mark;
       uniform float pixels;
+      varying float vMark;
       void main() {
         vec4 view = modelViewMatrix * vec4(position, 1.0);
         gl_Position = projectionMatrix * view;
         vec4 nearer = projectionMatrix * (view + vec4(0.0, 0.0, 0.04, 0.0));
         gl_Position.z = nearer.z / nearer.w * gl_Position.w;
-        if (inside < 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+        vMark = mark;
+        if (mark < 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
         gl_PointSize = pixels * clamp(22.0 / gl_Position.w, 5.0, 14.0);
       }`,
     fragmentShader: `
+      varying float vMark;
       void main() {
         float r = length(gl_PointCoord - 0.5);
         if (r > 0.5) discard;
-        gl_FragColor = vec4(r > 0.34 ? vec3(1.0) : vec3(0.84, 0.06, 0.42), 1.0);
+        vec3 own = vMark > 1.5 ? vec3(0.98, 0.55, 0.0) : vec3(0.84, 0.06, 0.42);
+        gl_FragColor = vec4(r > 0.34 ? vec3(1.0) : own, 1.0);
       }`,
   });
 }

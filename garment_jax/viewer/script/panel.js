@@ -64,11 +64,12 @@ function placeLabels(labels, panels, over) {
 function fillLabel({ error, inside }, figures, see, n) {
   error.textContent =
     figures.rmse === undefined ? "" : `RMSE ${figures.rmse.toFixed(2)} cm, largest ${figures.largest.toFixed(2)} cm`;
-  const shown = see.inside && figures.inside !== undefined;
-  inside.classList.toggle("some", figures.inside > 0);
-  inside.textContent = shown
-    ? `${figures.inside} ${figures.inside === 1 ? "vertex" : "vertices"} inside (${((100 * figures.inside) / n).toFixed(2)} %)`
-    : "";
+  const count = (many, what) => `${many} ${many === 1 ? "vertex" : "vertices"} ${what} (${((100 * many) / n).toFixed(2)} %)`;
+  const said = [["inside", "inside"], ["crossing", "through itself"]]
+    .filter(([name]) => figures[name] !== undefined)
+    .map(([name, what]) => count(figures[name], what));
+  inside.classList.toggle("some", figures.inside > 0 || figures.crossing > 0);
+  inside.textContent = see.inside ? said.join(", ") : "";
 }
 
 function describePage(holder, facts) {
