@@ -18,7 +18,7 @@ MINUTES ?= 4
 BIN := $(VENV)/bin
 TESTS := tests
 # Also run with XLA's optimisations, as users do; all tests run without them (tests/conftest.py says why).
-OPTIMISED := tests/geometry/test_bitset.py tests/postprocess/collision/test_contacts.py
+OPTIMISED := tests/geometry/test_bitset.py tests/geometry/test_self_crossings.py tests/postprocess/collision/test_contacts.py
 PREDICTIONS = $(RUN)/test
 MODEL ?= models/skirt
 

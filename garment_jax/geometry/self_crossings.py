@@ -26,6 +26,7 @@ CHILDREN = 4  # groups of a patch at least, where there are so many
 PATCHES = 256  # at most: their pairs are all looked at in every frame
 PAIRS = 4096  # of patches that are looked into in one frame; more of them: `Found.overflow`
 MARGIN = 0.3  # by how much their normals have to leave a half-space, as a cosine
+SURE = 3e-7  # of a volume's factors: rounding makes smaller ones out of none where points coincide
 BLOCK = 16  # places of a mask that are counted together
 AT_ONCE = 64  # pairs of patches, and of groups: what one turn of a loop takes
 
@@ -163,8 +164,8 @@ def _halves(own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def find_self_crossings(V: Float[Array, "n 3"], tables: CrossingTables) -> Found:
     """Return which edges of `V` (metres) properly cross a face that they share no vertex with.
 
-    Proper: an edge's ends lie strictly on both sides of the face, and its line goes strictly through it.
-    What is not finite crosses nothing.
+    Proper: an edge's ends lie on both sides of the face, and its line goes through it, by more than float32
+    rounds. What is not finite crosses nothing.
     """
     P = (V - V.mean(axis=0, keepdims=True)).T
     corners, active = _near(P, tables)
@@ -325,10 +326,14 @@ def _crosses(
     p, q = (tuple(ends_at[x, k][:, None] for x in range(3)) for k in range(2))
     a, b, c = (tuple(corners_at[x, k][None] for x in range(3)) for k in range(3))
     normal = cross(minus(b, a), minus(c, a))
-    sides = dot(normal, minus(p, a)) * dot(normal, minus(q, a)) < 0
     d = minus(q, p)
+    far = jnp.maximum(jnp.maximum(dot(minus(a, p), minus(a, p)), dot(minus(b, p), minus(b, p))), dot(d, d))
+    one, two = dot(normal, minus(p, a)), dot(normal, minus(q, a))
+    nearest = jnp.minimum(jnp.abs(one), jnp.abs(two))
+    sides = (one * two < 0) & (nearest > SURE * jnp.sqrt(dot(normal, normal) * far))
     u, v, w = (dot(cross(d, minus(s, p)), minus(t, p)) for s, t in ((a, b), (b, c), (c, a)))
-    through = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
+    least = SURE * jnp.sqrt(dot(d, d)) * far
+    through = ((u > least) & (v > least) & (w > least)) | ((u < -least) & (v < -least) & (w < -least))
     shared = jnp.zeros(sides.shape, bool)
     for k in range(2):
         for m in range(3):

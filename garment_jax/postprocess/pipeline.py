@@ -175,33 +175,35 @@ def _apart(
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
     Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
-    and since what is pushed out of the body may be pushed into itself, again, a few times. A correction that
-    is `kept` is part of `V` already.
+    and since what is pushed out of the body may be pushed into itself, again, a few times; if more crosses
+    in the end than at first, it is left as at first. A correction that is `kept` is part of `V` already.
     """
     own = tables.untangle
     if own is None or state.untangle is None:
         return state.untangle, jnp.int32(0), *_resolved(state.collision, V, V_f, frame, kept, tables)
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        itself, _, _, _, rounds = carry
+        (itself, *_), rounds, first = carry
         itself, x, _ = jax.lax.cond(
             kept,
             lambda: (itself, V, jnp.int32(0)),
             lambda: untangle(itself, V, own, look=rounds > 0),
         )
         result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
+        by = itself
         itself, left = jax.lax.cond(
             kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own)
         )
-        return itself, left, result, collision, rounds + 1
+        found = itself, left, result, collision
+        return found, rounds + 1, chosen(rounds == 0, (by, *found[1:]), first)
 
     shapes = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
     zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    itself, crossed, result, collision, _ = jax.lax.while_loop(
-        lambda carry: (carry[1] > 0) & (carry[4] < ROUNDS),
-        attempt,
-        (faded(state.untangle), jnp.int32(1), *zeros, jnp.int32(0)),
+    begin = faded(state.untangle), jnp.int32(1), *zeros
+    last, _, first = jax.lax.while_loop(
+        lambda carry: (carry[0][1] > 0) & (carry[1] < ROUNDS), attempt, (begin, jnp.int32(0), begin)
     )
+    itself, crossed, result, collision = chosen(last[1] > first[1], first, last)
     return chosen(kept, state.untangle, itself), crossed, result, collision
 
 

@@ -91,17 +91,25 @@ def untangle(
     """Return the weights, `V` (metres) flattened by them, and how many edges still go through a face.
 
     Where nothing crosses and all weights are 0, `V` comes back bitwise. Pins stay. A frame with a NaN comes
-    back as it is. Without `look` weights are taken as they are, and no edge counts.
+    back as it is. Where more crosses in the end than by the weights that were given, these are kept. Without
+    `look` they are taken as they are, and no edge counts.
     """
 
     def attempt(carry: tuple[Array, ...]) -> tuple[Array, ...]:
-        weight, _, _, passes = carry
+        weight, _, _, passes, given, by_given = carry
         x = jax.lax.cond(weight.any(), lambda: _flattened(V, weight, tables), lambda: V)
         weight, left = jax.lax.cond(look, lambda: _looked(weight, x, tables), lambda: (weight, jnp.int32(0)))
-        return weight, x, left, passes + 1
+        begins = passes == 0
+        return weight, x, left, passes + 1, jnp.where(begins, x, given), jnp.where(begins, left, by_given)
 
-    start = (state.weight, V, jnp.int32(1), jnp.int32(0))
-    weight, x, left, _ = jax.lax.while_loop(lambda c: (c[2] > 0) & (c[3] < PASSES), attempt, start)
+    start = (state.weight, V, jnp.int32(1), jnp.int32(0), V, jnp.int32(0))
+    weight, x, left, _, given, by_given = jax.lax.while_loop(
+        lambda c: (c[2] > 0) & (c[3] < PASSES), attempt, start
+    )
+    worse = left > by_given
+    weight, x, left = (
+        jnp.where(worse, a, b) for a, b in ((state.weight, weight), (given, x), (by_given, left))
+    )
     finite = jnp.isfinite(V).all()
     return UntangleState(jnp.where(finite, weight, 0.0)), jnp.where(finite, x, V), left
 

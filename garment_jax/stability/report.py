@@ -10,6 +10,7 @@ from garment_jax.stability.deep import deep_cases
 from garment_jax.stability.extreme import extreme_cases
 from garment_jax.stability.numbers import numbers_cases
 from garment_jax.stability.precision import precision_cases
+from garment_jax.stability.self_contact import self_contact_cases
 from garment_jax.stability.skinning import skinning_cases
 from garment_jax.stability.stiff import stiff_cases
 from garment_jax.stability.subject import Subject, load_subject
@@ -21,6 +22,7 @@ GROUPS: dict[str, Callable[[Subject], Findings]] = {
     "skinning": skinning_cases,
     "stiff": stiff_cases,
     "deep": deep_cases,
+    "self-contact": self_contact_cases,
     "extreme motion": extreme_cases,
     "numbers": numbers_cases,
     "precision": precision_cases,

@@ -11,7 +11,7 @@ import garment_jax.geometry.self_crossings as module
 from garment_jax.evaluation.self_intersections import self_intersections
 from garment_jax.geometry.self_crossings import find_self_crossings, make_crossing_tables
 from garment_jax.geometry.topology import unique_edges
-from tests.postprocess.sheets import FACES, T, looped
+from tests.postprocess.sheets import FACES, SIDE, T, looped
 from tests.reference.crossing_edges import crossing_edges
 
 
@@ -64,6 +64,17 @@ def test_a_sheet_that_loops_through_itself_is_found_where_it_does():
 
 def test_a_sheet_in_folds_that_do_not_meet_has_none():
     found = find()(looped(0.03))
+    assert int(found.edges) == 0
+    assert not found.vertices.any()
+
+
+@pytest.mark.parametrize("met", [2, 40, len(T)])
+def test_points_in_one_place_cross_nothing(met: int):
+    """By rounding alone, edges to that place would go through faces that end there."""
+    V = np.random.default_rng(1).normal(0.0, 0.001, T.shape).astype(np.float32) + T
+    near = np.argsort(np.linalg.norm(V - V[SIDE * 7 + 9], axis=1))[:met]
+    V[near] = V[near[0]]
+    found = find()(V)
     assert int(found.edges) == 0
     assert not found.vertices.any()
 
