@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from garment_jax.animation.animate import animate
-from garment_jax.animation.variants import without_lengths
+from garment_jax.animation.variants import untangled, without_lengths
 from garment_jax.bench.methods import reconstructed
 from garment_jax.body.root_frame import to_root
 from garment_jax.dataset.motion_input import motion_input
@@ -75,6 +75,7 @@ def main() -> None:
     clips = [Clip(path) for path in sorted(options.clips.glob("*.h5"))]
     variants: dict[str, tuple[Model, dict]] = {
         "whole model": (model, {}),
+        "untangled": (model._replace(config=untangled(model.config)), {}),
         **({"no column RNN": (without_column_rnn(model), {})} if "column_rnn" in model.params else {}),
         "no collision": (model, {"collision": False}),
         "no collision, no lengths": (without_lengths(model), {"collision": False}),

@@ -148,6 +148,11 @@ def lengths_off(config: Config) -> Config:
     return replace(config, rollout=replace(config.rollout, lengths=False))
 
 
+def untangled(config: Config) -> Config:
+    """Return the configuration with `collision.untangle` on."""
+    return replace(config, collision=replace(config.collision, untangle=True))
+
+
 def with_rank(model: Model, rank: int) -> Model:
     """Return the model with D_rec's last layer of a lower rank: truncated SVD of its stored factors.
 

@@ -1,7 +1,6 @@
 """A model opened for any motions: plan the scene, choose what fits the budget, read, animate."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -150,12 +149,12 @@ def _facts(path: str):
 
 def _adjusted(asked: Wanted, config: "Config") -> "Config":
     """Return a model's configuration with what is asked for beside it."""
-    from garment_jax.animation.variants import lengths_off
+    from garment_jax.animation.variants import lengths_off, untangled
 
     if asked.no_lengths:
         config = lengths_off(config)
     if asked.untangle:
-        config = replace(config, collision=replace(config.collision, untangle=True))
+        config = untangled(config)
     return config
 
 

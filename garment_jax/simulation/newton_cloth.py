@@ -148,10 +148,15 @@ class NewtonCloth:
         """Find contacts and step the solver: replayed from a recording, which saves the launches in Python.
 
         One recording for each of the two states that take turns, made at its second step, when all
-        kernels are loaded. Self-collision moves trees, which cannot be recorded.
+        kernels are loaded. What of the cloth is near itself is found before: trees cannot be recorded.
         """
         turn = int(self._now is self._states[1])
-        if self._settings.self_collision or not self._stepped[turn]:
+        if self._settings.self_collision:
+            near = type(
+                self._solver.collision
+            ).frame_begin  # the solver's own does nothing, see `make_solver`
+            near(self._solver.collision, self._now.particle_q, self._now.particle_qd, self._settings.substep)
+        if not self._stepped[turn]:
             self._stepped[turn] = True
             self._launch()
             return
@@ -207,9 +212,11 @@ def make_solver(garment: Garment, settings: ClothSettings, flat: np.ndarray | No
     solver: Any = newton.solvers.SolverStyle3D(model, config=config)
     collision = solver.collision
     collision.radius = settings.self_collision_radius
+    collision.frame_begin = lambda *_: (
+        None
+    )  # refits trees: what nobody asks for, or what comes before a recording
     if not settings.self_collision:  # the class is needed for the body's contacts all the same
         collision.stiff_vf = collision.stiff_ee = collision.stiff_ef = 0.0
-        collision.frame_begin = lambda *_: None  # refits trees that nobody asks
     solver.linear_solver = ConjugateGradients(solver)
     return solver
 
