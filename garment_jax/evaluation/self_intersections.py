@@ -50,10 +50,11 @@ def _other_side(V: np.ndarray, faces: np.ndarray, edges: np.ndarray, cut: np.nda
     own = np.bincount(faces.ravel(), np.repeat(doubled / 6, 3), len(V))
     _, piece = _parts(edges, len(V))
     parts, part = _parts(edges[~cut], len(V))
-    area = np.bincount(part, own, parts)
-    largest = np.zeros(piece.max() + 1)
-    np.maximum.at(largest, piece, area[part])
-    return float(own.sum() - largest.sum())
+    area, of = np.bincount(part, own, parts), np.zeros(parts, int)
+    of[part] = piece
+    order = np.lexsort((-area, of))
+    _, largest = np.unique(of[order], return_index=True)
+    return float(np.delete(area, order[largest]).sum())
 
 
 def _parts(edges: np.ndarray, n: int) -> tuple[int, np.ndarray]:
