@@ -30,8 +30,9 @@ PASSES = 16  # of flattening and looking in a frame
 GROWTH = 0.15  # added to a weight where a pass still finds a crossing
 FADE = 0.95  # of the last frame's weights
 GONE = 1e-3  # weight that counts as none
-AROUND = 0.85  # of the growth at a vertex, for its neighbours
-RINGS = 8  # neighbours of neighbours that grow with it
+SPREAD = 0.145  # metres of cloth over which the growth around a crossing falls to 1 / e of it
+REACH = 0.19  # metres of cloth from a crossing, about, from which on nothing grows
+MOST_RINGS = 32  # of neighbours that this may take
 HELD = 0.05  # metres from a pin within which cloth goes with it
 
 
@@ -40,6 +41,8 @@ class UntangleTables(NamedTuple):
 
     crossings: CrossingTables
     ring: np.ndarray  # [k, n] int32 neighbours, padded with the vertex itself
+    near: np.ndarray  # [k, n] float32, part of a neighbour's growth that comes over
+    rings: int  # how often it does
     low_pass: LowPassTables
     pin: np.ndarray  # [n] int32, the nearest one
     held: np.ndarray  # [n] float32, 1 at a pin, 0 far from any
@@ -61,9 +64,14 @@ def make_untangle_tables(
         far, nearest = KDTree(template[pins]).query(template)
         pin, held = np.asarray(pins, np.int32)[nearest], np.exp(-((far / HELD) ** 2)).astype(np.float32)
         held[held < 1e-6] = 0  # no denormals, which are slow
+    ring = np.ascontiguousarray(neighbour_table(faces, n).index.T, np.int32)
+    length = np.linalg.norm(template[ring] - template, axis=-1)
+    edge = float(length[length > 0].mean()) if length.any() else REACH
     return UntangleTables(
         make_crossing_tables(template, faces),
-        np.ascontiguousarray(neighbour_table(faces, n).index.T, np.int32),
+        ring,
+        np.exp(-length / SPREAD).astype(np.float32),
+        int(np.clip(round(REACH / edge), 1, MOST_RINGS)),
         make_low_pass(template, faces, REACHES),
         pin,
         held,
@@ -139,7 +147,7 @@ def _flattened(V: Array, weight: Array, tables: UntangleTables) -> Array:
 
 def _grown(weight: Array, found: Found, tables: UntangleTables) -> Array:
     def spread(_: Array, b: Array) -> Array:
-        return jnp.maximum(b, AROUND * b[jnp.asarray(tables.ring)].max(axis=0))
+        return jnp.maximum(b, (jnp.asarray(tables.near) * b[jnp.asarray(tables.ring)]).max(axis=0))
 
-    grown = jax.lax.fori_loop(0, RINGS, spread, found.vertices.astype(weight.dtype))
+    grown = jax.lax.fori_loop(0, tables.rings, spread, found.vertices.astype(weight.dtype))
     return jnp.minimum(weight + GROWTH * grown, float(len(REACHES)))

@@ -13,11 +13,12 @@ from garment_jax.postprocess.untangling import (
     UntangleState,
     UntangleTables,
     faded,
+    grown,
     init_untangle,
     make_untangle_tables,
     untangle,
 )
-from tests.postprocess.sheets import FACES, SIDE, T, looped
+from tests.postprocess.sheets import EDGE, FACES, SIDE, T, looped
 
 PINS = np.arange(SIDE, dtype=np.int32)  # one border
 
@@ -89,3 +90,31 @@ def test_the_border_of_a_flat_sheet_is_not_pulled_inwards():
     _, x, _ = one()(state, T)
     border = (T[:, 2] == T[:, 2].min()) & (np.abs(T[:, 0] - T[:, 0].mean()) < 0.1)  # far from the corners
     assert np.abs(np.asarray(x)[border, 2] - T[border, 2]).max() < 2e-3
+
+
+def finer(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sheet with edges of `EDGE` / `parts`, and its faces."""
+    side = parts * (SIDE - 1) + 1
+    u, v = (x.ravel() for x in np.meshgrid(*[np.arange(side)] * 2, indexing="ij"))
+    a = u * side + v
+    a = a[(u < side - 1) & (v < side - 1)]
+    sheet = np.stack([EDGE * u / parts, 0.0 * u, EDGE * v / parts], axis=1).astype(np.float32)
+    first, second = np.stack([a, a + 1, a + side], 1), np.stack([a + 1, a + side + 1, a + side], 1)
+    return sheet, np.concatenate([first, second]).astype(np.int32)
+
+
+def test_weights_grow_around_a_crossing_as_far_on_a_finer_mesh():
+    reached = []
+    for parts in (1, 2):
+        sheet, faces = finer(parts)
+        made = make_untangle_tables(sheet, faces, PINS[:0])
+        V, border = sheet.copy(), sheet[:, 0] == 0
+        V[border, :2] = 0.15, 0.05  # its border bends over, and in the middle down through the sheet
+        V[border & (np.abs(sheet[:, 2] - 0.24) < 0.03), 1] = -0.05
+        state, left = grown(init_untangle(len(sheet)), jnp.asarray(V), made)
+        assert int(left) > 0
+        middle = np.abs(sheet[:, 2] - 0.24) < 0.005
+        along = np.linspace(0.18, 0.3, 7)
+        reached.append(np.interp(along, sheet[middle, 0], np.asarray(state.weight)[middle]))
+    assert reached[0].max() > 0.1
+    np.testing.assert_allclose(reached[0], reached[1], atol=0.02)
