@@ -69,7 +69,8 @@ class SelfContact:
             self._apart = wp.zeros((clips, n), dtype=wp.vec3)
             self._near_vertex = wp.zeros((ROWS, clips * n), dtype=wp.int32)
             self._near_edge, self._through = (wp.zeros((ROWS, len(edges)), dtype=wp.int32) for _ in range(2))
-            self._face_tree, self._edge_tree = BvhTri(len(faces), device), BvhEdge(len(edges), device)
+        self._face_tree: Any = BvhTri(len(faces), device)
+        self._edge_tree: Any = BvhEdge(len(edges), device)
         self._built = False
 
     def find(self, part: float, root: Any, x: Any) -> None:
