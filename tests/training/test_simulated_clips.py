@@ -176,7 +176,6 @@ def test_no_clip_that_can_be_learnt_from_is_refused(
         ),
         ({"device": "cuda:9"}, "the device cuda:9 is not there"),
         ({"dir": __file__}, r"simulation\.dir .*\.py is a file; name a folder"),
-        ({"device": "cuda:9", "cloth": ("self_collision=on",)}, "is simulated on a CPU alone"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused_before_any_clip_is_read(
