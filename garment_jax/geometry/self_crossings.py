@@ -47,6 +47,8 @@ class Found(NamedTuple):
 
     edges: jax.Array  # [] int32, how many go through a face; at least 1 where there was an overflow
     vertices: jax.Array  # [n] bool, ends of these edges and corners of these faces
+    edge: jax.Array  # [a] bool, the edges
+    face: jax.Array  # [k * g] bool, the groups' faces, padding as well
     overflow: jax.Array  # [] bool: more pairs of patches were near each other than were looked into
 
 
@@ -169,7 +171,8 @@ def find_self_crossings(V: Float[Array, "n 3"], tables: CrossingTables) -> Found
     """
     P = (V - V.mean(axis=0, keepdims=True)).T
     corners, active = _near(P, tables)
-    none = Found(jnp.int32(0), jnp.zeros(tables.n, bool), jnp.array(False))
+    masks = [jnp.zeros(k, bool) for k in (tables.n, len(tables.ends), tables.faces[0].size)]
+    none = Found(jnp.int32(0), *masks, jnp.array(False))
     return jax.lax.cond(active.any(), lambda: _looked(P, _enclosed(corners), active, tables), lambda: none)
 
 
@@ -222,20 +225,21 @@ def _pairs(patches: _Boxes, tables: CrossingTables) -> Bool[Array, "p p"]:
     return jnp.asarray(once) & _overlap(one, other) & (~jnp.asarray(tables.near) | _fold(one, other))
 
 
-class _Marked(NamedTuple):
+class Marked(NamedTuple):
     """A mask in blocks: XLA's sum up to each of 65,536 places takes longer than all else here."""
 
     blocks: jax.Array  # [b, BLOCK] bool
     count: jax.Array  # [b] int32 true ones up to each block's end
 
 
-def _marked(mask: Bool[Array, " k"]) -> _Marked:
+def marked(mask: Bool[Array, " k"]) -> Marked:
+    """Return a mask with its true ones counted."""
     blocks = jnp.pad(mask, (0, -len(mask) % BLOCK)).reshape(-1, BLOCK)
-    return _Marked(blocks, jnp.cumsum(blocks.sum(axis=1, dtype=jnp.int32)))
+    return Marked(blocks, jnp.cumsum(blocks.sum(axis=1, dtype=jnp.int32)))
 
 
 @noinline
-def _places(marked: _Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[Array, " q"]]:
+def places(marked: Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[Array, " q"]]:
     """Return the places of the next `AT_ONCE` true ones after the first `at`, and which of these exist."""
     wanted = at + jnp.arange(1, AT_ONCE + 1, dtype=jnp.int32)
     block = jnp.searchsorted(marked.count, wanted)
@@ -250,13 +254,13 @@ def _places(marked: _Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool
 def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> Found:
     p = len(tables.near)
     children = tables.faces.shape[2] // p
-    pairs = _marked(active.reshape(-1))
+    pairs = marked(active.reshape(-1))
     many = pairs.count[-1]
     own = np.arange(children, dtype=np.int32)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen, there = _places(pairs, at)
+        chosen, there = places(pairs, at)
         first, second = chosen // p, chosen % p
         i = (first[None] + p * own[:, None])[:, None]
         j = (second[None] + p * own[:, None])[None]
@@ -274,7 +278,8 @@ def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> 
     for k in range(3):
         vertices = vertices.at[jnp.asarray(tables.faces[k])].max(faces)
     overflow = many > PAIRS
-    return Found(jnp.maximum(crossed.sum(), overflow).astype(jnp.int32), vertices, overflow)
+    count = jnp.maximum(crossed.sum(), overflow).astype(jnp.int32)
+    return Found(count, vertices, crossed, faces.reshape(-1), overflow)
 
 
 @noinline
@@ -291,11 +296,11 @@ def _through(
     tables: CrossingTables,
 ) -> tuple[Array, Array]:
     """Return which edges and faces are `known` to cross, with those of these pairs of groups."""
-    places = _marked(mask)
+    wanted = marked(mask)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen, there = _places(places, at)
+        chosen, there = places(wanted, at)
         one, other = (x[chosen] for x in pairs)
         for a, b in ((one, other), (other, one)):
             crossed = _crossed(P, a, b, tables) & there[None, None]
@@ -303,7 +308,7 @@ def _through(
             faces = faces.at[:, b].max(crossed.any(axis=0))
         return at + AT_ONCE, edges, faces
 
-    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < places.count[-1], turn, (jnp.int32(0), *known))
+    _, edges, faces = jax.lax.while_loop(lambda c: c[0] < wanted.count[-1], turn, (jnp.int32(0), *known))
     return edges, faces
 
 
@@ -313,16 +318,17 @@ def _crossed(P: Array, one: Array, other: Array, tables: CrossingTables) -> Bool
     ends, corners = jnp.asarray(tables.edges)[..., one], jnp.asarray(tables.faces)[..., other]
     flat = P.reshape(-1)
     ends_at, corners_at = coordinates_of(ends, flat), coordinates_of(corners, flat)
-    return _crosses(ends, corners, ends_at, corners_at)
+    return crosses(ends, corners, ends_at, corners_at)
 
 
 @noinline
-def _crosses(
+def crosses(
     ends: Int[Array, "2 e q"],
     corners: Int[Array, "3 k q"],
     ends_at: Float[Array, "3 2 e q"],
     corners_at: Float[Array, "3 3 k q"],
 ) -> Bool[Array, "e k q"]:
+    """Return which edges go through which faces, column by column; vertices' numbers and where they are."""
     p, q = (tuple(ends_at[x, k][:, None] for x in range(3)) for k in range(2))
     a, b, c = (tuple(corners_at[x, k][None] for x in range(3)) for k in range(3))
     normal = cross(minus(b, a), minus(c, a))

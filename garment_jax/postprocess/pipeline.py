@@ -116,7 +116,7 @@ def contact_init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ContactTab
         begun=jnp.array(False),
         rest=init_rest(V, frame.collider),
         crossings=None if tables.crossings is None else init_crossings(V, frame.bones),
-        untangle=None if tables.untangle is None else init_untangle(len(V)),
+        untangle=None if tables.untangle is None else init_untangle(tables.untangle),
     )
 
 
@@ -192,7 +192,7 @@ def _apart(
         result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
         by = itself
         itself, left = jax.lax.cond(
-            kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own)
+            kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own, flatten=rounds > 0)
         )
         found = itself, left, result, collision
         return found, rounds + 1, chosen(rounds == 0, (by, *found[1:]), first)

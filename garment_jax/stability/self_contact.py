@@ -128,7 +128,7 @@ def _shapes(cloth: Cloth) -> Iterator[Case]:
     met[near] = met[near[0]]
     yield from _untangled(cloth, f"{len(near)} vertices in one place", met)
     case, V = "all vertices in one place", np.zeros_like(cloth.T)  # too many pairs for any judge
-    state, x, _ = cloth.step(init_untangle(len(V)), V)
+    state, x, _ = cloth.step(init_untangle(cloth.tables), V)
     yield finite(GROUP, case, "vertices and weights", x, state.weight)
     yield at_most(GROUP, case, "moved by", 1e3 * np.abs(np.asarray(x)).max(), 0.0, "mm")
 
@@ -136,7 +136,7 @@ def _shapes(cloth: Cloth) -> Iterator[Case]:
 def _untangled(cloth: Cloth, case: str, V: np.ndarray, *, clean: bool = True) -> Iterator[Case]:
     """Yield what is promised of one frame; `clean`: and that nothing is left."""
     before = self_intersections(V, cloth.faces, cloth.edges).edges
-    state, x, left = cloth.step(init_untangle(len(V)), V)
+    state, x, left = cloth.step(init_untangle(cloth.tables), V)
     x, left = np.asarray(x), int(left)
     after = self_intersections(x, cloth.faces, cloth.edges).edges if np.isfinite(x).all() else np.nan
     yield finite(GROUP, case, "vertices and weights", x, state.weight)
@@ -154,7 +154,7 @@ def _untangled(cloth: Cloth, case: str, V: np.ndarray, *, clean: bool = True) ->
 def _begun_in_itself(cloth: Cloth) -> Iterator[Case]:
     """Yield the cases of a first frame with crossings, held for a while, then gone."""
     case, V = "a crossing start", loops(cloth.T, CLOSED)
-    state, last, worst, crossing = init_untangle(len(V)), None, 0.0, 0
+    state, last, worst, crossing = init_untangle(cloth.tables), None, 0.0, 0
     for _ in range(30):
         state, x, _ = cloth.step(state, V)
         crossing = max(crossing, self_intersections(np.asarray(x), cloth.faces, cloth.edges).edges)
@@ -182,7 +182,7 @@ def _long(cloth: Cloth) -> Iterator[Case]:
 
         return jax.lax.scan(frame, state, jnp.arange(PIECE))
 
-    state, most, weight, good, ends = init_untangle(len(cloth.T)), 0, 0.0, True, []
+    state, most, weight, good, ends = init_untangle(cloth.tables), 0, 0.0, True, []
     for _ in range(LONG // PIECE):
         state, (left, weights, ok) = piece(state)
         most, weight = max(most, int(left.max())), max(weight, float(weights.max()))

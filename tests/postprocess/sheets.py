@@ -22,3 +22,14 @@ def looped(size: float) -> np.ndarray:
     x, _, z = T.T.astype(np.float64)
     turn = 4 * np.pi * x / (EDGE * (SIDE - 1))
     return np.stack([x - size * np.sin(turn), -size * np.cos(turn), z], axis=1).astype(np.float32)
+
+
+TWO_FACES = np.concatenate([FACES, FACES + len(T)]).astype(np.int32)
+
+
+def two_sheets(bump: float, apart: float = 0.02) -> np.ndarray:
+    """Return a flat sheet and, `apart` metres below, one with a `bump` that may go through it."""
+    above = T.astype(np.float64) - T.mean(axis=0)
+    below = 0.97 * above
+    below[:, 1] += bump * np.exp(-np.square(below / 0.1).sum(axis=1)) - apart
+    return np.concatenate([above, below]).astype(np.float32)
