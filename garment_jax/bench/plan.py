@@ -36,8 +36,11 @@ class Job(NamedTuple):
 class Plan:
     """The benchmark over one data folder and one output folder."""
 
-    def __init__(self, loaded: Loaded, data: Path, out: Path, *, only: Sequence[str] = ()) -> None:
+    def __init__(
+        self, loaded: Loaded, data: Path, out: Path, *, only: Sequence[str] = (), again: Path | None = None
+    ) -> None:
         self.loaded, self.settings, self.data, self.out = loaded, loaded.settings, data, out
+        self.again = again  # folder of the test clips' second simulations
         self.only = {loaded.row(name).name for name in only}
         self.train = training_clips(data, loaded.base.data.validation)
         self.test = test_clips(data, self.settings.test)

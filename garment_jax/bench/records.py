@@ -8,6 +8,9 @@ import numpy as np
 from garment_jax.bench.files import read_json
 from garment_jax.bench.plan import Job, Plan, known_training
 from garment_jax.bench.settings import OURS, Row
+from garment_jax.evaluation.command import parting_cm
+from garment_jax.evaluation.determined import against_again, root_mean_square
+from garment_jax.io.sequence import open_sequence
 
 
 class RowRecord(NamedTuple):
@@ -45,7 +48,7 @@ class Records(NamedTuple):
     searches: dict[str, list[dict[str, Any]]]  # method -> {factor, validation_cm, curve, diverged, run}
     simulator: dict[str, Any] | None
     latent: dict[str, Any] | None  # with "shapes", the path of the arrays
-    floor: list[dict[str, Any]]  # of `garment-jax floor --json`
+    floor: list[dict[str, Any]]  # a clip's second simulation: clip, rmse_cm, per_frame
 
     def named(self, name: str) -> RowRecord | None:
         """Return the measured row called `name`, None where it is not there or not measured."""
@@ -55,7 +58,8 @@ class Records(NamedTuple):
 
 def gather(plan: Plan) -> Records:
     """Read every finished job of the plan."""
-    rows = [_row_record(plan, row) for row in plan.settings.rows]
+    again = read_again(plan)
+    rows = [row_record(plan, row, again) for row in plan.settings.rows]
     latent_job = plan.latent_job(plan.loaded.row(plan.settings.reference))
     latent = _read(latent_job)
     if latent is not None:
@@ -67,13 +71,14 @@ def gather(plan: Plan) -> Records:
         {method: _search(plan, method) for method in plan.settings.search.methods},
         _read(plan.simulate_job()),
         latent,
-        read_floor(plan),
+        again,
     )
 
 
-def _row_record(plan: Plan, row: Row) -> RowRecord:
+def row_record(plan: Plan, row: Row, again: list[dict[str, Any]]) -> RowRecord:
+    """Return what is known of a row, held against the clips' second simulations where there are such."""
     jobs = [plan.roll_job(row, seed) for seed in row.seeds]
-    rolls = [record for record in map(_read, jobs) if record is not None]
+    rolls = [_against(again, record) for record in map(_read, jobs) if record is not None]
     runs = [plan.train_job(row, seed) for seed in row.seeds]
     found = [_read(job) or _read(job._replace(done=known_training(job))) for job in runs]
     trained = [record for record in found if record]
@@ -90,20 +95,49 @@ def _read(job: Job) -> dict[str, Any] | None:
     return read_json(job.done) if job.done.is_file() else None
 
 
-def read_floor(plan: Plan) -> list[dict[str, Any]]:
-    """Return the figures of `garment-jax floor --json` that the benchmark names; none if it names none."""
-    if not plan.settings.floor:
+def second_runs(plan: Plan) -> list[tuple[Path, Path]]:
+    """Return the test clips with their second simulations; none without a folder of such.
+
+    Raises `FileNotFoundError` for a clip that has none.
+    """
+    if plan.again is None:
         return []
-    path = plan.loaded.folder / plan.settings.floor
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"floor names {path}, which is missing; write it with garment-jax floor --json."
-        )
-    found = read_json(path)
-    found = found if isinstance(found, list) else [found]
-    if not all(isinstance(f, dict) and {"clip", "rmse_cm"} <= set(f) for f in found):
-        raise ValueError(f"{path} is no output of garment-jax floor --json; it needs clip and rmse_cm.")
+    pairs = [(path, plan.again / path.name) for path in plan.test]
+    for path, second in pairs:
+        if not second.is_file():
+            raise FileNotFoundError(
+                f"--again {plan.again} has no {path.name}; make it with garment-jax floor."
+            )
+    return pairs
+
+
+def read_again(plan: Plan) -> list[dict[str, Any]]:
+    """Return how far the test clips' second simulations are from them.
+
+    Raises `FileNotFoundError` for a clip that has none, `ValueError` for a file that is none.
+    """
+    found = []
+    for path, second in second_runs(plan):
+        with open_sequence(path) as truth:
+            away = parting_cm(second, truth)
+        found.append({"clip": path.stem, "rmse_cm": root_mean_square(away), "per_frame": away.tolist()})
     return found
+
+
+def _against(again: list[dict[str, Any]], roll: dict[str, Any]) -> dict[str, Any]:
+    """Return a row's record with its errors on determined frames, and held against the second simulation."""
+    if not again:
+        return roll
+    clips = dict(roll["clips"])
+    for second in again:
+        clip = clips[second["clip"]]
+        figures = against_again(np.array(clip["rmse_cm_per_frame"]), np.array(second["per_frame"]))
+        clips[second["clip"]] = clip | {"metrics": clip["metrics"] | figures}
+    means = {}
+    for name in figures:
+        values = [clip["metrics"][name] for clip in clips.values() if clip["metrics"][name] is not None]
+        means[name] = float(np.mean(values)) if values else None
+    return roll | {"clips": clips, "mean": roll["mean"] | means}
 
 
 def spread(record: RowRecord, metric: str, *, clip: str = "") -> Spread | None:

@@ -15,6 +15,7 @@ from typing import Any
 from garment_jax.bench.files import read_json
 from garment_jax.bench.keeping import keep, take_over
 from garment_jax.bench.plan import SIMULATE, TIME, TRAIN, Job, Plan
+from garment_jax.bench.records import second_runs
 from garment_jax.bench.report import write_report
 from garment_jax.bench.settings import load_benchmark
 from garment_jax.bench.worker import WORKER, make_plan, told_job, work_there
@@ -31,6 +32,7 @@ def benchmark(
     *,
     data: str | Path | None = None,
     out: str | Path | None = None,
+    again: str | Path | None = None,
     quick: bool = False,
     only: Sequence[str] = (),
     report_only: bool = False,
@@ -41,17 +43,19 @@ def benchmark(
 ) -> int:
     """Do what is missing of the benchmark `path` and write its report; return how many jobs failed.
 
-    `data` and `out` default to the file's. `timed_by` is a command line that runs the measurements of run
-    time, such as `taskset -c 0,1`. Records of finished jobs are taken over from the folder `kept` and written
-    there. With a `farm` of several workers they train and measure errors at once; run time is measured here,
-    one job after the other, when they are done. Raises `ValueError` or `OSError` in one sentence, and
-    `StoppedError` (exit code 130) where it is stopped: the same command goes on.
+    `data`, `out` and `again`, a folder of the test clips' second simulations, default to the file's.
+    `timed_by` is a command line that runs the measurements of run time, such as `taskset -c 0,1`. Records of
+    finished jobs are taken over from the folder `kept` and written there. With a `farm` of several workers
+    they train and measure errors at once; run time is measured here, one job after the other, when they are
+    done. Raises `ValueError` or `OSError` in one sentence, and `StoppedError` (exit code 130) where it is
+    stopped: the same command goes on.
     """
-    told = _told(path, data, out, quick=quick, only=only)
+    told = _told(path, data, out, again, quick=quick, only=only)
     at_once = None if farm is None or farm.here(2) else farm
     if at_once:  # workers may be in folders of their own
-        told |= {name: _placed(told[name]) for name in ("benchmark", "data", "out")}
+        told |= {name: _placed(told[name]) for name in ("benchmark", "data", "out", "again") if told[name]}
     plan = make_plan(told)
+    second_runs(plan)  # now, not after hours
     with locked(plan.out, "running a benchmark", remedy="name another --out"):
         if kept is not None:
             show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")
@@ -81,13 +85,14 @@ def benchmark(
     return len(failed)
 
 
-def _told(path: Any, data: Any, out: Any, *, quick: bool, only: Sequence[str]) -> dict[str, Any]:
+def _told(path: Any, data: Any, out: Any, again: Any, *, quick: bool, only: Sequence[str]) -> dict[str, Any]:
     loaded = load_benchmark(path)
     folder = Path(out or loaded.settings.out)
     return {
         "benchmark": str(path),
         "data": str(data or loaded.settings.data or loaded.base.data.dir),
         "out": str(folder / "quick" if quick else folder),
+        "again": str(again or loaded.settings.again),
         "quick": quick,
         "only": list(only),
     }

@@ -70,7 +70,7 @@ class Benchmark:
     test: tuple[str, ...] = ()  # names of test clips; all if empty
     every: int = 30  # slow metrics (Hausdorff, penetration, self-intersections) on each so many frames
     lengths: tuple[int, ...] = (100, 500, 1200)  # frames whose error along the rollout is told
-    floor: str = ""  # JSON of `garment-jax floor --json`, one or a list; relative to this file
+    again: str = ""  # default of --again: folder of the test clips' second simulations
     simulator_frames: int = 20  # frames simulated to time the simulator; 0 leaves it open
     reference: str = OURS  # name of the row that ratios are of
     compared_with: Literal["skirt", "vto"] = "skirt"  # the paper's ratios that stand beside: Table 3 or 4

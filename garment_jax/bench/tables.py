@@ -39,6 +39,12 @@ ERRORS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
 )
 
 
+KNOWN: tuple[tuple[str, str, str], ...] = (  # where second simulations are known
+    ("RMSE cm, determined", "determined_rmse_cm", ".2f"),
+    ("÷ second run elsewhere", "parted_error_ratio", ".2f"),
+)
+
+
 class Table(NamedTuple):
     """A table with its heading; the first column is text, the others right-aligned."""
 
@@ -66,10 +72,11 @@ def ratio(a: Spread | None, b: Spread | None) -> str:
 
 def error_table(records: Records, settings: dict) -> Table:
     """Every row, every metric: means over the test clips."""
-    head = ["method", *(heading for heading, _, _ in ERRORS), "seeds"]
+    errors = (*KNOWN, *ERRORS) if records.floor else ERRORS
+    head = ["method", *(heading for heading, _, _ in errors), "seeds"]
     rows = []
     for r in records.rows:
-        cells = [cell(spread(r, metric), form) for _, metric, form in ERRORS]
+        cells = [cell(spread(r, metric), form) for _, metric, form in errors]
         rows.append([_title(r), *cells, str(len(r.rolls)) if r.rolls else "–"])
     note = (
         f"Plain means over {len(records.clips)} test clips, whole rollouts from the skinned template (rows "
@@ -168,19 +175,25 @@ def detail_table(records: Records) -> Table:
 def comparison_table(records: Records, reference: str, known: dict, *, title: str) -> Table:
     """In the form of the paper's Tables 3 and 4: ours against the others, ratios beside the paper's."""
     ours = records.named(reference)
+    forms = dict(zip(paper.METRICS, (".2f", ".2f", ".4f"), strict=True))
+    metrics = _metrics(records)
     rows = []
     for name in [*COMPARED, reference]:
         record = records.named(name)
-        cells = [
-            cell(record and spread(record, m), f)
-            for m, f in zip(paper.METRICS, (".2f", ".2f", ".4f"), strict=True)
-        ]
+        cells = [cell(record and spread(record, m), forms.get(m, ".2f")) for m in metrics]
         rows.append([_row_title(records, name), *cells])
     for name in COMPARED:
-        ratios = _ratios(ours, records.named(name))
-        rows.append([f"ours ÷ {_row_title(records, name)}", *ratios])
-        rows.append(["the paper's ratio", *(f"{value:.3f}" for value in known[name])])
-    return Table(title, ["method", "RMSE cm", "Hausdorff cm", "STED"], rows, _reached(records, ours, known))
+        rows.append([f"ours ÷ {_row_title(records, name)}", *_ratios(records, ours, records.named(name))])
+        papers = [f"{value:.3f}" for value in known[name]]
+        rows.append(["the paper's ratio", *papers, *(["–"] * (len(metrics) - len(papers)))])
+    head = [
+        "method",
+        "RMSE cm",
+        "Hausdorff cm",
+        "STED",
+        *(heading for heading, m, _ in KNOWN if m in metrics),
+    ]
+    return Table(title, head, rows, _reached(records, ours, known))
 
 
 def vto_table(command: str) -> Table:
@@ -200,10 +213,17 @@ def ratio_table(records: Records, reference: str) -> Table:
     rows = []
     for r in (r for r in records.rows if r.row.name != reference and not _rebuilds(r)):
         top = plain if is_ours(r) and r.row.name != OURS else ours
-        rows.append([_title(r), *_ratios(whole.get(r.row.name) or top, records.named(r.row.name))])
+        rows.append([_title(r), *_ratios(records, whole.get(r.row.name) or top, records.named(r.row.name))])
     note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' "
     note += "divided; of the column RNN's, the row with the column RNN."
-    return Table("Ours ÷ other", ["other", "RMSE", "Hausdorff", "STED"], rows, note)
+    head = [
+        "other",
+        "RMSE",
+        "Hausdorff",
+        "STED",
+        *(heading for heading, m, _ in KNOWN if m in _metrics(records)),
+    ]
+    return Table("Ours ÷ other", head, rows, note)
 
 
 def provenance_table(records: Records, out: Path) -> Table:
@@ -229,9 +249,14 @@ def search_table(records: Records) -> Table:
     return Table("Search: validation RMSE in cm", ["method", *(f"rates × {f:g}" for f in factors)], rows)
 
 
-def _ratios(ours: RowRecord | None, other: RowRecord | None) -> list[str]:
+def _metrics(records: Records) -> tuple[str, ...]:
+    """Return what methods are compared by: the paper's three, and the error where it can be known."""
+    return (*paper.METRICS, "determined_rmse_cm") if records.floor else paper.METRICS
+
+
+def _ratios(records: Records, ours: RowRecord | None, other: RowRecord | None) -> list[str]:
     a, b = common(ours, other)
-    return [ratio(a and spread(a, metric), b and spread(b, metric)) for metric in paper.METRICS]
+    return [ratio(a and spread(a, metric), b and spread(b, metric)) for metric in _metrics(records)]
 
 
 def _searched(entry: dict | None) -> str:

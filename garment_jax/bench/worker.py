@@ -21,12 +21,13 @@ WORKER = (sys.executable, "-m", "garment_jax.bench.worker")
 
 
 def make_plan(told: dict[str, Any]) -> Plan:
-    """Return the plan that the runner works through: from {benchmark, data, out, quick, only}."""
+    """Return the plan that the runner works through: from {benchmark, data, out, quick, only, again}."""
     loaded = load_benchmark(told["benchmark"])
     if told["quick"]:
         loaded = quick_version(loaded)
     check_methods(loaded.settings, METHODS, told["benchmark"])
-    return Plan(loaded, Path(told["data"]), Path(told["out"]), only=told.get("only", ()))
+    again = Path(told["again"]) if told.get("again") else None
+    return Plan(loaded, Path(told["data"]), Path(told["out"]), only=told.get("only", ()), again=again)
 
 
 def told_job(job: Job) -> dict[str, Any]:

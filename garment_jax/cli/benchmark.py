@@ -22,6 +22,12 @@ def add(commands) -> None:
     parser.add_argument("config", help="a TOML file, or a name of the package: benchmark, benchmark_full")
     parser.add_argument("--data", type=Path, help="folder with train/ and test/ (default: the file's)")
     parser.add_argument("--out", type=Path, help="folder for runs, results and report (default: the file's)")
+    parser.add_argument(
+        "--again",
+        type=Path,
+        metavar="DIR",
+        help="second simulations of the test clips, by name: errors on determined frames as well",
+    )
     parser.add_argument("--quick", action="store_true", help="ten minutes, to see that everything works")
     parser.add_argument("--only", nargs="+", default=[], metavar="ROW", help="some rows")
     parser.add_argument("--report-only", action="store_true", help="from what is measured, nothing else")
@@ -50,6 +56,7 @@ def run(options: argparse.Namespace) -> int:
             options.config,
             data=options.data,
             out=options.out,
+            again=options.again,
             quick=options.quick,
             only=options.only,
             report_only=options.report_only,

@@ -60,7 +60,7 @@ def evaluate_files(
     sted.check_window(sted_window_frames)
     with open_sequence(pred) as p, open_sequence(truth) as q:
         check_pair(p, q)
-        parting = {} if again is None else _parting(Path(again), q)  # first: it is soon told
+        parting = {} if again is None else {"again_rmse_cm": parting_cm(Path(again), q)}  # first: soon told
         tables = make_tables(q, arms=arms)
         columns = _measure(p, q, tables, every, sted_window_frames, progress or (lambda done, total: None))
         per_frame, sampled, positions = columns
@@ -88,8 +88,8 @@ def evaluate_files(
         }
 
 
-def _parting(again: Path, truth: Sequence) -> Columns:
-    """Return how far a second simulation is from the first in every frame, RMSE cm.
+def parting_cm(again: Path, truth: Sequence) -> np.ndarray:
+    """Return how far a second simulation is from the first in every frame, RMSE cm `[t]`.
 
     Raises `ValueError` for what is none: a prediction, another motion, a file in another unit.
     """
@@ -105,7 +105,7 @@ def _parting(again: Path, truth: Sequence) -> Columns:
             f"--again {again} is {away[0][0]:.0f} cm from {truth.path} in frame 0, more than the garment is "
             f"long ({size:.0f} cm): another unit or place; {SIMULATE}"
         )
-    return {"again_rmse_cm": np.concatenate(away)}
+    return np.concatenate(away)
 
 
 def _measure(

@@ -23,15 +23,16 @@ def against_again(error_cm: np.ndarray, again_cm: np.ndarray) -> dict[str, float
     first. None where there is no such frame.
     """
     count = determined_frames(again_cm)
-    rest = _root_mean_square(again_cm[count:])
+    rest = root_mean_square(again_cm[count:])
     return {
-        "again_rmse_cm": _root_mean_square(again_cm),
+        "again_rmse_cm": root_mean_square(again_cm),
         "determined_percent": 100.0 * count / len(again_cm),
-        "determined_rmse_cm": _root_mean_square(error_cm[:count]) if count else None,
-        "parted_rmse_cm": _root_mean_square(error_cm[count:]) if count < len(error_cm) else None,
-        "parted_error_ratio": _root_mean_square(error_cm[count:]) / rest if rest > 0 else None,
+        "determined_rmse_cm": root_mean_square(error_cm[:count]) if count else None,
+        "parted_rmse_cm": root_mean_square(error_cm[count:]) if count < len(error_cm) else None,
+        "parted_error_ratio": root_mean_square(error_cm[count:]) / rest if rest > 0 else None,
     }
 
 
-def _root_mean_square(values: np.ndarray) -> float:
+def root_mean_square(values: np.ndarray) -> float:
+    """Return the root of the mean square, 0 of nothing."""
     return float(np.sqrt((values**2).mean())) if len(values) else 0.0

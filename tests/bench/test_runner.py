@@ -194,7 +194,7 @@ def test_a_farm_does_what_is_ready_at_once_and_times_are_measured_after_it(
     bench: tuple[Path, list[Job]], tmp_path: Path
 ) -> None:
     path, done = bench
-    told = runner._told(path, None, None, quick=False, only=())
+    told = runner._told(path, None, None, None, quick=False, only=())
     farm, said = AtOnce(make_plan(told)), []
     assert runner.benchmark(path, farm=farm, show=said.append) == 1
     assert any("train skinned_template" in line and "failed: the disk is full." in line for line in said)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from garment_jax.bench import paper
+from garment_jax.bench.files import read_json
 from garment_jax.bench.measuring import first_errors, mean_of
 from garment_jax.bench.page import table_html
 from garment_jax.bench.plots import rollout_plot
-from garment_jax.bench.records import Records, gather, of_seeds, read_floor, spread
+from garment_jax.bench.records import Records, gather, of_seeds, read_again, row_record, spread
 from garment_jax.bench.tables import (
     OPEN,
     Table,
@@ -22,6 +23,7 @@ from garment_jax.bench.tables import (
 )
 from tests.bench.made import TEXT, finish, make_plan
 
+KNOWN, PARTED = slice(3), slice(3, None)  # frames
 SETTINGS = {"every": 6, "sted_window_frames": 15, "sted_c": 0.1, "penetration_tolerance_mm": 0.1}
 
 
@@ -127,16 +129,35 @@ def test_a_table_says_the_same_as_markdown_and_html() -> None:
     assert "A note." in html
 
 
-def test_the_floor_is_read_or_refused(tmp_path: Path) -> None:
-    with_floor = TEXT.replace("every = 6", 'every = 6\nfloor = "floor.json"')
-    plan = make_plan(tmp_path, with_floor)
-    with pytest.raises(FileNotFoundError, match=r"floor names .* garment-jax floor --json"):
-        read_floor(plan)
-    (tmp_path / "floor.json").write_text('{"clip": "a", "rmse_cm": 2.5}')
-    assert read_floor(plan) == [{"clip": "a", "rmse_cm": 2.5}]
-    (tmp_path / "floor.json").write_text('{"clip": "a"}')
-    with pytest.raises(ValueError, match="no output of garment-jax floor"):
-        read_floor(plan)
-    (tmp_path / "floor.json").write_text("{")
-    with pytest.raises(ValueError, match="is damaged"):
-        read_floor(plan)
+def test_errors_on_determined_frames_come_first_where_second_simulations_are_known(tmp_path: Path) -> None:
+    records = measured(tmp_path, "ours", seeds=1)
+    plan = make_plan(tmp_path)
+    record = plan.roll_job(plan.loaded.row("ours"), 0).done
+    again = []
+    for name in records.clips:
+        frames = len(read_json(record)["clips"][name]["rmse_cm_per_frame"])
+        away = np.where(np.arange(frames) < KNOWN.stop, 0.1, 4.0)
+        again.append({"clip": name, "rmse_cm": 3.0, "per_frame": away.tolist()})
+    known = records._replace(rows=[row_record(plan, row, again) for row in plan.settings.rows], floor=again)
+    table = error_table(known, SETTINGS)
+    assert table.head[1:3] == ["RMSE cm, determined", "÷ second run elsewhere"]
+    cells = dict(zip(table.head, table.rows[0], strict=True))
+    errors = [np.array(read_json(record)["clips"][c]["rmse_cm_per_frame"]) for c in records.clips]
+    known_part, rest = (
+        np.mean([np.sqrt(np.square(error[part]).mean()) for error in errors]) for part in (KNOWN, PARTED)
+    )
+    assert cells["RMSE cm, determined"] == f"{known_part:.2f}"
+    assert cells["÷ second run elsewhere"] == f"{rest / 4:.2f}"
+    assert ratio_table(known, "ours").head[-1] == "RMSE cm, determined"
+
+
+def test_a_folder_of_second_simulations_needs_every_clip(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path)
+    assert read_again(plan) == []
+    plan.again = tmp_path / "again"
+    with pytest.raises(FileNotFoundError, match=r"has no .*\.h5; make it with garment-jax floor"):
+        read_again(plan)
+    plan.again = plan.test[0].parent  # each clip its own second simulation
+    found = read_again(plan)
+    assert [f["clip"] for f in found] == [path.stem for path in plan.test]
+    assert all(f["rmse_cm"] == 0 and not np.any(f["per_frame"]) for f in found)
