@@ -175,7 +175,7 @@ def detail_table(records: Records) -> Table:
 def comparison_table(records: Records, reference: str, known: dict, *, title: str) -> Table:
     """In the form of the paper's Tables 3 and 4: ours against the others, ratios beside the paper's."""
     ours = records.named(reference)
-    forms = dict(zip(paper.METRICS, (".2f", ".2f", ".4f"), strict=True))
+    forms: dict[str, str] = dict(zip(paper.METRICS, (".2f", ".2f", ".4f"), strict=True))
     metrics = _metrics(records)
     rows = []
     for name in [*COMPARED, reference]:

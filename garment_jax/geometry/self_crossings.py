@@ -171,8 +171,8 @@ def find_self_crossings(V: Float[Array, "n 3"], tables: CrossingTables) -> Found
     """
     P = (V - V.mean(axis=0, keepdims=True)).T
     corners, active = _near(P, tables)
-    masks = [jnp.zeros(k, bool) for k in (tables.n, len(tables.ends), tables.faces[0].size)]
-    none = Found(jnp.int32(0), *masks, jnp.array(False))
+    vertices, edge, face = (jnp.zeros(k, bool) for k in (tables.n, len(tables.ends), tables.faces[0].size))
+    none = Found(jnp.int32(0), vertices, edge, face, jnp.array(False))
     return jax.lax.cond(active.any(), lambda: _looked(P, _enclosed(corners), active, tables), lambda: none)
 
 
