@@ -212,7 +212,8 @@ def ratio_table(records: Records, reference: str) -> Table:
     whole = {without: records.named(name) for name, without in PREVIOUS_STATE}
     rows = []
     for r in (r for r in records.rows if r.row.name != reference and not _rebuilds(r)):
-        top = plain if is_ours(r) and r.row.name != OURS else ours
+        of_plain = is_ours(r) and r.row.name != OURS and not (ours and _run_of(r) == _run_of(ours))
+        top = plain if of_plain else ours
         rows.append([_title(r), *_ratios(records, whole.get(r.row.name) or top, records.named(r.row.name))])
     note = "Over the seeds that both rows have, as all ratios here. Variants of ours: the row 'ours' "
     note += "divided; of the column RNN's, the row with the column RNN."
@@ -247,6 +248,10 @@ def search_table(records: Records) -> Table:
         known = {entry["factor"]: entry for entry in found}
         rows.append([method, *(_searched(known.get(f)) for f in factors)])
     return Table("Search: validation RMSE in cm", ["method", *(f"rates × {f:g}" for f in factors)], rows)
+
+
+def _run_of(record: RowRecord) -> str:
+    return record.rolls[0]["run"] if record.rolls else ""
 
 
 def _metrics(records: Records) -> tuple[str, ...]:

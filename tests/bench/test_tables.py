@@ -107,6 +107,26 @@ def test_ratios_stand_beside_the_papers_and_say_what_is_missed(tmp_path: Path) -
     assert "rmse_cm against pan_2022: 0.250 of at most 0.748, reached" in table.note
 
 
+def test_a_row_of_the_references_own_run_is_held_against_the_reference(tmp_path: Path) -> None:
+    rnn = "set.column_rnn.steps = 9\n"
+    rows = [
+        f'[[row]]\nname = "{name}"\ntitle = "{name}"\ngroup = "main"\n{rnn}' for name in ("ring", "plain")
+    ]
+    text = TEXT.replace("every = 6", 'every = 6\nreference = "ring"')
+    plan = make_plan(tmp_path, text + "\n".join(rows) + "set.collision.iterations = 3\n")
+    for row in plan.settings.rows:
+        if row.name in ("ours", "ring", "plain", "no_previous_state"):
+            finish(plan, plan.train_job(row, 0))
+            finish(plan, plan.roll_job(row, 0))
+    records = gather(plan)
+    found = {row[0]: row[1] for row in ratio_table(records, "ring").rows}
+    ours, ring, plain, other = (
+        spread(records.named(name), "rmse_cm") for name in ("ours", "ring", "plain", "no_previous_state")
+    )
+    assert found["plain"] == ratio(ring, plain)  # trained as the reference was
+    assert found["without previous state"] == ratio(ours, other)
+
+
 def test_first_errors_are_root_mean_squares_of_the_beginning() -> None:
     error = np.array([3.0, 4.0, 0.0, 5.0])
     found = first_errors(error, (1, 2, 4, 5))
