@@ -175,15 +175,15 @@ def _apart(
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
     Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
-    and since what is pushed out of the body may be pushed into itself, again, a few times; if more crosses
-    in the end than at first, it is left as at first. A correction that is `kept` is part of `V` already.
+    and since what is pushed out of the body may be pushed into itself, again, a few times; the
+    round after which least crosses counts. A correction that is `kept` is part of `V` already.
     """
     own = tables.untangle
     if own is None or state.untangle is None:
         return state.untangle, jnp.int32(0), *_resolved(state.collision, V, V_f, frame, kept, tables)
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        (itself, *_), rounds, first = carry
+        (itself, *_), rounds, best = carry
         itself, x, _ = jax.lax.cond(
             kept,
             lambda: (itself, V, jnp.int32(0)),
@@ -195,15 +195,14 @@ def _apart(
             kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own, flatten=rounds > 0)
         )
         found = itself, left, result, collision
-        return found, rounds + 1, chosen(rounds == 0, (by, *found[1:]), first)
+        return found, rounds + 1, chosen((rounds == 0) | (left < best[1]), (by, *found[1:]), best)
 
     shapes = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
     zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     begin = faded(state.untangle), jnp.int32(1), *zeros
-    last, _, first = jax.lax.while_loop(
+    _, _, (itself, crossed, result, collision) = jax.lax.while_loop(
         lambda carry: (carry[0][1] > 0) & (carry[1] < ROUNDS), attempt, (begin, jnp.int32(0), begin)
     )
-    itself, crossed, result, collision = chosen(last[1] > first[1], first, last)
     return chosen(kept, state.untangle, itself), crossed, result, collision
 
 
