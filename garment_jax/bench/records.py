@@ -95,29 +95,20 @@ def _read(job: Job) -> dict[str, Any] | None:
     return read_json(job.done) if job.done.is_file() else None
 
 
-def second_runs(plan: Plan) -> list[tuple[Path, Path]]:
-    """Return the test clips with their second simulations; none without a folder of such.
+def read_again(plan: Plan) -> list[dict[str, Any]]:
+    """Return how far the test clips' second simulations are from them; none without a folder of such.
 
-    Raises `FileNotFoundError` for a clip that has none.
+    Raises `OSError` for a clip that has none or a damaged file, `ValueError` for a file that is none.
     """
     if plan.again is None:
         return []
-    pairs = [(path, plan.again / path.name) for path in plan.test]
-    for path, second in pairs:
+    found = []
+    for path in plan.test:
+        second = plan.again / path.name
         if not second.is_file():
             raise FileNotFoundError(
                 f"--again {plan.again} has no {path.name}; make it with garment-jax floor."
             )
-    return pairs
-
-
-def read_again(plan: Plan) -> list[dict[str, Any]]:
-    """Return how far the test clips' second simulations are from them.
-
-    Raises `FileNotFoundError` for a clip that has none, `ValueError` for a file that is none.
-    """
-    found = []
-    for path, second in second_runs(plan):
         with open_sequence(path) as truth:
             away = parting_cm(second, truth)
         found.append({"clip": path.stem, "rmse_cm": root_mean_square(away), "per_frame": away.tolist()})

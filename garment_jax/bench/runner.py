@@ -15,7 +15,7 @@ from typing import Any
 from garment_jax.bench.files import read_json
 from garment_jax.bench.keeping import keep, take_over
 from garment_jax.bench.plan import SIMULATE, TIME, TRAIN, Job, Plan
-from garment_jax.bench.records import second_runs
+from garment_jax.bench.records import read_again
 from garment_jax.bench.report import write_report
 from garment_jax.bench.settings import load_benchmark
 from garment_jax.bench.worker import WORKER, make_plan, told_job, work_there
@@ -55,7 +55,7 @@ def benchmark(
     if at_once:  # workers may be in folders of their own
         told |= {name: _placed(told[name]) for name in ("benchmark", "data", "out", "again") if told[name]}
     plan = make_plan(told)
-    second_runs(plan)  # now, not after hours
+    read_again(plan)  # what is damaged is refused now, not after hours
     with locked(plan.out, "running a benchmark", remedy="name another --out"):
         if kept is not None:
             show(f"{len(take_over(plan, Path(kept)))} records taken over from {kept}")

@@ -175,8 +175,8 @@ def _apart(
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
     Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
-    and since what is pushed out of the body may be pushed into itself, again, a few times; the
-    round after which least crosses counts. A correction that is `kept` is part of `V` already.
+    and since what is pushed out of the body may be pushed into itself, again, a few times; the round after
+    which least crosses counts. A correction that is `kept` is part of `V` already.
     """
     own = tables.untangle
     if own is None or state.untangle is None:

@@ -218,3 +218,19 @@ def test_a_farms_job_is_refused_with_the_last_words_of_its_process(
     monkeypatch.setattr(worker, "WORKER", (sys.executable, "-c", program))
     with pytest.raises(ValueError, match=r"^no room\. \(exit code 2\)$"):
         worker.work_there({}, job(tmp_path))
+
+
+def test_damaged_second_simulations_are_refused_before_any_job(bench: tuple[Path, list[Job]]) -> None:
+    path, done = bench
+    plan = make_plan(runner._told(path, None, None, None, quick=False, only=()))
+    again = path.parent / "again"
+    again.mkdir()
+    for clip in plan.test:
+        (again / clip.name).write_bytes(clip.read_bytes())
+    cut = again / plan.test[-1].name
+    cut.write_bytes(cut.read_bytes()[:2000])
+    with pytest.raises(OSError, match="truncated"):
+        runner.benchmark(path, again=again, **QUIET)
+    assert done == []
+    cut.write_bytes(plan.test[-1].read_bytes())
+    assert runner.benchmark(path, again=again, **QUIET) == 0
