@@ -79,8 +79,22 @@ def resolved(clip: Clip, program: Program) -> tuple[np.ndarray, np.ndarray, np.n
     return wall.min(axis=0), np.stack(garments), np.array(flattened), 100 * np.array(pops)
 
 
-def measure(path: Path, options: argparse.Namespace, known: list) -> dict:
-    """Return one clip's row."""
+class Measured(NamedTuple):
+    """What a clip's frames took and came to."""
+
+    off: np.ndarray  # [t] milliseconds
+    extra: np.ndarray  # [t] milliseconds more
+    near: np.ndarray  # [t] bool
+    flattened: np.ndarray  # [t] bool
+    before: np.ndarray  # [c] int, edges through faces in the frames that are counted
+    after: np.ndarray  # [c]
+    pops_off: np.ndarray  # [t] centimetres
+    pops: np.ndarray  # [t]
+    change: np.ndarray  # [t] centimetres, of the vertex that moves most
+
+
+def measure(path: Path, options: argparse.Namespace, known: list) -> Measured:
+    """Return what one clip's frames took, with and without."""
     clip = read(path, options)
     without, with_it = programs(clip, known=known)
     off, plain, _, pops_off = resolved(clip, without)
@@ -89,28 +103,36 @@ def measure(path: Path, options: argparse.Namespace, known: list) -> dict:
     assert own is not None
     looked = jax.jit(partial(near_patches, tables=own.crossings))
     near = flattened | np.array([bool(looked(jnp.asarray(V)).any()) for V in apart])
-    extra, edges = on - off, unique_edges(clip.faces)
+    edges = unique_edges(clip.faces)
     changed = np.flatnonzero(flattened)[:: options.every]
     counts = [[crossing_edges(V[k], edges, clip.faces) for k in changed] for V in (plain, apart)]
     before, after = (np.array(each, int) for each in counts)
+    change = 100 * np.linalg.norm(apart - plain, axis=-1).max(axis=-1)
+    return Measured(off, on - off, near, flattened, before, after, pops_off, pops, change)
+
+
+def row(name: str, clips: list[Measured]) -> dict:
+    """Return one line of the report, of all frames of these clips."""
+    own = Measured(*map(np.concatenate, zip(*clips, strict=True)))
     middle = lambda x: float(np.median(x)) if len(x) else float("nan")  # noqa: E731
     return {
-        "clip": path.stem,
-        "frames": len(on),
-        "flattened": int(flattened.sum()),
-        "without ms": middle(off),
-        "far +ms": middle(extra[~near]),
-        "near +ms": middle(extra[near]),
-        "flattened +ms": middle(extra[flattened]),
-        "p95 +ms": float(np.percentile(extra[near], 95)) if near.any() else float("nan"),
-        "counted": len(changed),
-        "crossed before": int((before > 0).sum()),
-        "after": int((after > 0).sum()),
-        "most edges before": int(before.max(initial=0)),
-        "most after": int(after.max(initial=0)),
-        "pop before cm": float(pops_off.max()),
-        "pop cm": float(pops.max()),
-        "change cm": 100 * float(np.linalg.norm(apart - plain, axis=-1).max()),
+        "clip": name,
+        "frames": len(own.off),
+        "near": int(own.near.sum()),
+        "flattened": int(own.flattened.sum()),
+        "without ms": middle(own.off),
+        "far +ms": middle(own.extra[~own.near]),
+        "near +ms": middle(own.extra[own.near]),
+        "flattened +ms": middle(own.extra[own.flattened]),
+        "p95 +ms": float(np.percentile(own.extra[own.near], 95)) if own.near.any() else float("nan"),
+        "counted": len(own.before),
+        "crossed before": int((own.before > 0).sum()),
+        "after": int((own.after > 0).sum()),
+        "most edges before": int(own.before.max(initial=0)),
+        "most after": int(own.after.max(initial=0)),
+        "pop before cm": float(own.pops_off.max()),
+        "pop cm": float(own.pops.max()),
+        "change cm": float(own.change.max()),
     }
 
 
@@ -126,7 +148,10 @@ def main() -> None:
     with open_sequence(options.sequences[0]) as clip:
         vertices = options.vertices or len(clip.scene.garment.template)
     known: list[tuple[Clip, Program, Program]] = []  # of one model's clips: compiled once
-    rows = [measure(path, options, known) for path in options.sequences]
+    clips = {path.stem: measure(path, options, known) for path in options.sequences}
+    rows = [row(name, [clip]) for name, clip in clips.items()]
+    if len(rows) > 1:
+        rows.append(row("all", list(clips.values())))
     report(rows, title="untangling a frame", facts={"vertices": vertices}, json_path=options.json)
 
 

@@ -98,9 +98,9 @@ def make_crossing_tables(template: Float[np.ndarray, "n 3"], faces: Int[np.ndarr
     shares = np.zeros((patches, n), np.float32)
     shares[np.repeat(of_face % patches, 3), faces.ravel()] = 1
     touching = (shares @ shares.T > 0).astype(np.float32)
+    loose = _in_pieces(ways, of_face % patches)  # whose normals say nothing; nor is it near two pieces
+    touching[loose] = touching[:, loose] = 0
     near = touching @ touching > 0
-    loose = _in_pieces(ways, of_face % patches)  # whose normals say nothing
-    near[loose] = near[:, loose] = False
     return CrossingTables(
         faces=np.ascontiguousarray(faces[members].transpose(2, 1, 0)),
         edges=np.ascontiguousarray(padded[edge].transpose(2, 1, 0)),

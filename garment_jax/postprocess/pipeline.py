@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from garment_jax.geometry.strain_limit import strain_limited
 from garment_jax.postprocess.collision.projection import initial_state
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, chosen
+from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, chosen, joined
 from garment_jax.postprocess.collision.solver import resolve_collisions
 from garment_jax.postprocess.collision.tightening import resolve_unstretched
 from garment_jax.postprocess.edge_lengths import LengthState, init_lengths, restore_lengths
@@ -39,6 +39,7 @@ from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
 from garment_jax.postprocess.untangling import UntangleState, faded, grown, init_untangle, untangle
 
 ROUNDS = 4  # of undoing self-crossings and pushing out of the body, in a frame
+LATE = 12  # more, where that was not enough
 
 
 class BodyFrame(NamedTuple):
@@ -175,33 +176,35 @@ def _apart(
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
     Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
-    and since what is pushed out of the body may be pushed into itself, again, a few times; the round after
-    which least crosses counts. A correction that is `kept` is part of `V` already.
+    and since what is pushed out of the body may be pushed into itself, again, a few times. Where this is no
+    end, as where the body pushes one layer into another, late rounds begin with what it has pushed, and hand
+    nothing on. The round after which least crosses counts. What is `kept` is part of `V` already.
     """
     own = tables.untangle
     if own is None or state.untangle is None:
         return state.untangle, jnp.int32(0), *_resolved(state.collision, V, V_f, frame, kept, tables)
 
     def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        (itself, *_), rounds, best = carry
-        itself, x, _ = jax.lax.cond(
-            kept,
-            lambda: (itself, V, jnp.int32(0)),
-            lambda: untangle(itself, V, own, look=rounds > 0),
+        (itself, _, last, _), rounds, best = carry
+        late = rounds >= ROUNDS
+        at, given = chosen(late, (last.V, init_untangle(own)), (V, itself))
+        given, x, _ = jax.lax.cond(
+            kept, lambda: (given, V, jnp.int32(0)), lambda: untangle(given, at, own, look=rounds > 0)
         )
         result, collision = _resolved(state.collision, x, V_f, frame, kept, tables)
-        by = itself
-        itself, left = jax.lax.cond(
-            kept, lambda: (itself, jnp.int32(0)), lambda: grown(itself, result.V, own, flatten=rounds > 0)
+        result = joined(last, result, first=rounds == 0)
+        by = chosen(late, itself, given)
+        more, left = jax.lax.cond(
+            kept, lambda: (by, jnp.int32(0)), lambda: grown(by, result.V, own, flatten=rounds > 0)
         )
-        found = itself, left, result, collision
+        found = chosen(late, by, more), left, result, collision
         return found, rounds + 1, chosen((rounds == 0) | (left < best[1]), (by, *found[1:]), best)
 
     shapes = jax.eval_shape(lambda: _resolved(state.collision, V, V_f, frame, kept, tables))
     zeros = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     begin = faded(state.untangle), jnp.int32(1), *zeros
     _, _, (itself, crossed, result, collision) = jax.lax.while_loop(
-        lambda carry: (carry[0][1] > 0) & (carry[1] < ROUNDS), attempt, (begin, jnp.int32(0), begin)
+        lambda carry: (carry[0][1] > 0) & (carry[1] < ROUNDS + LATE), attempt, (begin, jnp.int32(0), begin)
     )
     return chosen(kept, state.untangle, itself), crossed, result, collision
 

@@ -13,6 +13,7 @@ from garment_jax.geometry.self_crossings import find_self_crossings, make_crossi
 from garment_jax.geometry.topology import unique_edges
 from tests.postprocess.sheets import FACES, SIDE, T, looped
 from tests.reference.crossing_edges import crossing_edges
+from tests.reference.triangle_distance import triangle_distance
 
 
 @lru_cache
@@ -85,6 +86,21 @@ def test_many_at_once_are_as_one_by_one():
     assert np.array_equal(jax.vmap(find())(together).edges, alone)
 
 
+def test_a_vertex_that_pokes_through_another_layer_is_found_wherever_it_is():
+    n = len(T)  # of layers whose borders do not lie upon each other, so that patches hold faces of two
+    centred = T - T.mean(axis=0)
+    V = np.concatenate([(1 - 0.02 * k) * centred - np.float32([0, 0.008 * k, 0]) for k in range(3)])
+    faces = np.concatenate([FACES + n * k for k in range(3)])
+    tables = make_crossing_tables(V, faces)
+    count = jax.jit(lambda V: find_self_crossings(V, tables).edges)
+    for vertex in (
+        k for k in range(2 * n, 3 * n) if 0 < k % SIDE < SIDE - 1 and 0 < k % n // SIDE < SIDE - 1
+    ):
+        poked = V.copy()
+        poked[vertex, 1] += 0.0081
+        assert int(count(poked)) > 0, divmod(vertex, SIDE)
+
+
 def test_what_is_not_finite_crosses_nothing():
     V = looped(0.05)
     V[7, 1] = np.nan
@@ -115,6 +131,57 @@ def test_two_triangles_through_each_other():
     V[4] = [0.2, -0.5, 0.2]  # no longer as far as the other
     V[5] = [5, -0.5, 5]
     assert int(find_self_crossings(jnp.asarray(V), made).edges) == 0
+
+
+PAIR = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+MICROMETRE = 1e-6
+
+
+def test_a_vertex_and_a_triangle_cross_from_where_they_meet():
+    face = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0]])
+    above = np.array([[0.01, 0.01, 0], [0.02, 0, 0.03], [0, 0.02, 0.03]])  # its first corner over the face
+    _cross_once_they_meet(face, above)
+
+
+def test_two_edges_cross_from_where_they_meet():
+    below = np.array([[-0.01, 0, 0], [0.02, 0, 0], [0, 0, -0.03]])
+    above = np.array([[0, -0.02, 0], [0, 0.01, 0], [0, 0, 0.03]])
+    _cross_once_they_meet(below, above)
+
+
+def _cross_once_they_meet(one: np.ndarray, other: np.ndarray) -> None:
+    """Hold the verdict and ipctk's distance against `other` a little above and below where both meet."""
+    for lift in (MICROMETRE, -MICROMETRE):
+        V = np.concatenate([one, other + [0, 0, lift]]).astype(np.float32)
+        crossed = int(find_self_crossings(jnp.asarray(V), make_crossing_tables(V, PAIR)).edges)
+        assert (crossed > 0) == (lift < 0)
+    assert abs(triangle_distance(one, other + [0, 0, MICROMETRE]) - MICROMETRE) < 1e-12
+
+
+def test_triangles_cease_to_cross_where_ipctk_has_a_distance_between_them():
+    draws = np.random.default_rng(5)
+    start = 0.03 * draws.normal(size=(200, 6, 3))
+    way = draws.normal(size=(200, 1, 3))
+    way *= 0.5 / np.linalg.norm(way, axis=-1, keepdims=True)
+    tables = make_crossing_tables(start[0], PAIR)
+
+    def moved(by: np.ndarray) -> np.ndarray:
+        both = start[:, :3], start[:, 3:] + by[:, None, None] * way
+        return np.concatenate(both, axis=1).astype(np.float32)
+
+    crossed = jax.jit(jax.vmap(lambda V: find_self_crossings(V, tables).edges > 0))
+    chosen = np.asarray(crossed(moved(np.zeros(200))))
+    assert 40 < np.count_nonzero(chosen) < 160
+    low, high = np.zeros(200), np.ones(200)
+    for _ in range(30):
+        middle = (low + high) / 2
+        still = np.asarray(crossed(moved(middle)))
+        low, high = np.where(still, middle, low), np.where(still, high, middle)
+    apart = [triangle_distance(V[:3], V[3:]) for V in moved(high)[chosen]]
+    assert max(apart) <= MICROMETRE  # the verdict changes where they touch
+    further = moved(high + 4 * MICROMETRE)[chosen]
+    assert not np.asarray(crossed(moved(high + 4 * MICROMETRE)))[chosen].any()
+    assert min(triangle_distance(V[:3], V[3:]) for V in further) > 0
 
 
 def test_more_pairs_than_there_is_room_for_are_said(monkeypatch: pytest.MonkeyPatch):

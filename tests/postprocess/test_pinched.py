@@ -1,4 +1,4 @@
-"""A sleeve of cloth between a thigh and the hand that comes nearer: outside both and not through itself."""
+"""Cloth that the body pushes into itself: a sleeve between thigh and hand, layers over a raised thigh."""
 
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -16,6 +16,8 @@ from garment_jax.postprocess.pipeline import BodyFrame, contact_init, contact_st
 from garment_jax.postprocess.tables import ContactTables
 from garment_jax.postprocess.untangling import make_untangle_tables
 from tests.geometry.surfaces import winding_number
+from tests.postprocess.sheets import FACES, SIDE
+from tests.postprocess.sheets import T as SHEET
 
 AROUND, ROWS, RADIUS, TOP, HEM = 28, 24, 0.06, 0.5, 0.04  # of the sleeve, metres
 PINS = np.arange(AROUND, dtype=np.int32)  # its upper end
@@ -117,3 +119,45 @@ def test_where_hand_and_thigh_meet_it_says_what_was_given_up():
         assert frame.inside == 0 or frame.outcome == Outcome.STILL_INSIDE
         if gap < 0:  # the margin of both at once is not to be had
             assert frame.outcome in (Outcome.MARGIN_MISSED, Outcome.STILL_INSIDE)
+
+
+APART = 0.008  # metres between two layers
+
+
+def test_two_layers_over_a_thigh_stay_apart_when_it_is_raised():
+    """The solver alone puts both on the body where they are inside, and they cross by hundreds of edges."""
+    n, centred = len(SHEET), SHEET - SHEET.mean(axis=0)
+    T = np.concatenate([centred, 0.98 * centred - np.float32([0, APART, 0])])
+    faces = np.concatenate([FACES, FACES + n])
+    pins = np.concatenate([np.arange(SIDE), np.arange(SIDE) + n]).astype(np.int32)
+    upright, body_faces = limb(0.08, 0.8, (0.0, 0.0, 0.0))
+    thigh, body_faces = upright[:, [1, 0, 2]], body_faces[:, ::-1]  # lies along x
+    made = make_collision_tables(T, uniform_table(faces, len(T)), make_surface_tables(thigh, body_faces))
+    free = ~np.isin(np.arange(len(T)), pins)
+    tables = ContactTables(
+        pins,
+        free,
+        collision=made,
+        options=CollisionOptions(eps=EPS, iterations=60),
+        crossings=None,
+        strain=None,
+        untangle=make_untangle_tables(T, faces, pins),
+    )
+    step = jax.jit(partial(contact_step, tables=tables))
+
+    def at(height: float) -> BodyFrame:
+        body = thigh + np.float32([0, height - 0.08 - 2 * APART, 0])
+        return BodyFrame(jnp.asarray(T[pins]), jnp.asarray(body), jnp.zeros((0, 2, 3)))
+
+    state, before = contact_init(jnp.asarray(T), at(-0.1), tables=tables), []
+    left = []
+    for height in 0.006 * np.arange(9):
+        frame = at(float(height))
+        state, V, figures = step(state, jnp.asarray(T), frame)
+        body = np.asarray(frame.collider)
+        before.append(int((winding_number(T[free], body, body_faces) > 0.5).sum()))
+        assert int((winding_number(np.asarray(V)[free], body, body_faces) > 0.5).sum()) == 0
+        left.append(self_intersections(np.asarray(V), faces).edges)
+        assert int(figures.self_crossings) == left[-1]
+    assert max(before) > 120
+    assert np.count_nonzero(left) <= 1  # by luck of rounding

@@ -78,3 +78,20 @@ class CollisionResult(NamedTuple):
 def chosen(condition: Bool[Array, ""], tree: T, other: T) -> T:
     """Return `tree` where the condition holds, else the `other` one."""
     return jax.tree.map(lambda x, y: jnp.where(condition, x, y), tree, other)
+
+
+def joined(
+    before: CollisionResult, result: CollisionResult, *, first: bool | Bool[Array, ""]
+) -> CollisionResult:
+    """Return a `result` of what `before` had left as one of both: what was before, and the steps of both.
+
+    `first`: there was nothing before.
+    """
+    moved = jnp.logical_not(first) & (before.outcome != Outcome.NOTHING_TO_DO)
+    nothing = moved & (result.outcome == Outcome.NOTHING_TO_DO)
+    return result._replace(
+        deepest_before=jnp.where(first, result.deepest_before, before.deepest_before),
+        penetrating_before=jnp.where(first, result.penetrating_before, before.penetrating_before),
+        steps=before.steps + result.steps,
+        outcome=jnp.where(nothing, Outcome.CONVERGED, result.outcome).astype(jnp.int32),
+    )

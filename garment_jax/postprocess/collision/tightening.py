@@ -17,7 +17,13 @@ from jaxtyping import Array, Float, Int
 from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_limited
 from garment_jax.geometry.triangle import dot
 from garment_jax.postprocess.collision.options import CollisionOptions
-from garment_jax.postprocess.collision.result import CollisionResult, CollisionState, Outcome, Planes
+from garment_jax.postprocess.collision.result import (
+    CollisionResult,
+    CollisionState,
+    Outcome,
+    Planes,
+    joined,
+)
 from garment_jax.postprocess.collision.solver import free_vertices, resolve_collisions
 from garment_jax.postprocess.collision.tables import CollisionTables
 
@@ -80,14 +86,8 @@ def resolve_unstretched(
         worst = jnp.maximum(best.result.outcome, Outcome.STEPS_SPENT)  # of what may come in its place
         sound = (result.outcome <= worst) & (result.penetrating_after <= best.result.penetrating_after)
         better = first | ((excess <= ENOUGH) & (excess < best.excess) & sound)
-        nothing = ~first & (result.outcome == Outcome.NOTHING_TO_DO)
-        joined = result._replace(  # what was before is what was before the first round
-            deepest_before=jnp.where(first, result.deepest_before, best.result.deepest_before),
-            penetrating_before=jnp.where(first, result.penetrating_before, best.result.penetrating_before),
-            steps=best.result.steps + result.steps,
-            outcome=jnp.where(nothing, Outcome.CONVERGED, result.outcome).astype(jnp.int32),
-        )
-        kept = jax.lax.cond(better, lambda: _Best(joined, following, excess), lambda: best)
+        both = joined(best.result, result, first=first)
+        kept = jax.lax.cond(better, lambda: _Best(both, following, excess), lambda: best)
         return rounds + 1, _Last(following, result.planes, excess), kept
 
     shapes = jax.eval_shape(resolve, V_f, collider, state)[0]
