@@ -98,7 +98,7 @@ def make_crossing_tables(template: Float[np.ndarray, "n 3"], faces: Int[np.ndarr
     shares = np.zeros((patches, n), np.float32)
     shares[np.repeat(of_face % patches, 3), faces.ravel()] = 1
     touching = (shares @ shares.T > 0).astype(np.float32)
-    loose = _in_pieces(ways, of_face % patches)  # whose normals say nothing; nor is it near two pieces
+    loose = _in_pieces(ways, of_face % patches)  # whose normals say nothing, and which bring no others near
     touching[loose] = touching[:, loose] = 0
     near = touching @ touching > 0
     return CrossingTables(

@@ -176,9 +176,10 @@ def _apart(
     """Return `V` apart from itself and from the body, and how many edges still go through a face.
 
     Both at first by the last frame's weights, without a look at what crosses: mostly that is enough. Else,
-    and since what is pushed out of the body may be pushed into itself, again, a few times. Where this is no
-    end, as where the body pushes one layer into another, late rounds begin with what it has pushed, and hand
-    nothing on. The round after which least crosses counts. What is `kept` is part of `V` already.
+    and since what is pushed out of the body may be pushed into itself, again, a few times. Where that does
+    not end it, as where the body pushes one layer into another, late rounds begin with what the body has
+    pushed; the next frame gets nothing of theirs. The round after which least crosses counts. A correction
+    that is `kept` is part of `V` already.
     """
     own = tables.untangle
     if own is None or state.untangle is None:

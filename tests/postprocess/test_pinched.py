@@ -65,30 +65,35 @@ def limb(radius: float, height: float, centre: tuple[float, float, float]) -> tu
     return (points[:, [1, 2, 0]] + centre).astype(np.float32), mesh.faces
 
 
+def contacts(
+    T: np.ndarray, faces: np.ndarray, pins: np.ndarray, body: tuple[np.ndarray, np.ndarray]
+) -> ContactTables:
+    """Return what keeps this cloth out of this body and of itself, and nothing else."""
+    return ContactTables(
+        pins,
+        ~np.isin(np.arange(len(T)), pins),
+        collision=make_collision_tables(T, uniform_table(faces, len(T)), make_surface_tables(*body)),
+        options=CollisionOptions(eps=EPS, iterations=60),
+        crossings=None,
+        strain=None,
+        untangle=make_untangle_tables(T, faces, pins),
+    )
+
+
 @lru_cache
 def frames() -> list[Seen]:
     T, faces = sleeve()
     thigh, hand = limb(0.08, 1.2, (-0.15, 0.0, 0.0)), limb(0.035, 0.08, (-0.035, 0.25, 0.0))
     body_faces = np.concatenate([thigh[1], hand[1] + len(thigh[0])])
     bodies = [np.concatenate([thigh[0], hand[0] + np.float32([gap, 0, 0])]) for gap in GAPS]
-    made = make_collision_tables(T, uniform_table(faces, len(T)), make_surface_tables(bodies[0], body_faces))
-    free = ~np.isin(np.arange(len(T)), PINS)
-    tables = ContactTables(
-        PINS,
-        free,
-        collision=made,
-        options=CollisionOptions(eps=EPS, iterations=60),
-        crossings=None,
-        strain=None,
-        untangle=make_untangle_tables(T, faces, PINS),
-    )
+    tables = contacts(T, faces, PINS, (bodies[0], body_faces))
     step = jax.jit(partial(contact_step, tables=tables))
 
     def at(body: np.ndarray) -> BodyFrame:
         return BodyFrame(jnp.asarray(T[PINS]), jnp.asarray(body), jnp.zeros((0, 2, 3)))
 
     def inside(V: np.ndarray, body: np.ndarray) -> int:
-        return int((winding_number(V[free], body, body_faces) > 0.5).sum())
+        return int((winding_number(V[tables.free], body, body_faces) > 0.5).sum())
 
     state, seen = contact_init(jnp.asarray(T), at(bodies[0]), tables=tables), []
     for k, body in enumerate(bodies):
@@ -132,17 +137,8 @@ def test_two_layers_over_a_thigh_stay_apart_when_it_is_raised():
     pins = np.concatenate([np.arange(SIDE), np.arange(SIDE) + n]).astype(np.int32)
     upright, body_faces = limb(0.08, 0.8, (0.0, 0.0, 0.0))
     thigh, body_faces = upright[:, [1, 0, 2]], body_faces[:, ::-1]  # lies along x
-    made = make_collision_tables(T, uniform_table(faces, len(T)), make_surface_tables(thigh, body_faces))
-    free = ~np.isin(np.arange(len(T)), pins)
-    tables = ContactTables(
-        pins,
-        free,
-        collision=made,
-        options=CollisionOptions(eps=EPS, iterations=60),
-        crossings=None,
-        strain=None,
-        untangle=make_untangle_tables(T, faces, pins),
-    )
+    tables = contacts(T, faces, pins, (thigh, body_faces))
+    free = tables.free
     step = jax.jit(partial(contact_step, tables=tables))
 
     def at(height: float) -> BodyFrame:
