@@ -17,6 +17,7 @@ from garment_jax.dataset.prepared import training_clips
 
 # counted into the names of measurements: raise it when a change of the code changes what is measured
 MEASURED = 1
+LENGTHS = 2  # the way edge lengths are restored: another way, another number
 FINISHED = 2  # the same for what comes after a baseline's networks; ours' are named by their values
 TRAIN, ROLL, TIME, SIMULATE, LATENT = "train", "roll", "time", "simulate", "latent"
 
@@ -185,7 +186,7 @@ class Plan:
         config = self.config(row, seed)
         collision = to_dict(config)["collision"] if row.collision else None
         # counted where it is on: it came later, and the names of older results hold
-        lengths = ["lengths"] if config.rollout.lengths and not is_reconstruction(row) else []
+        lengths = [f"lengths {LENGTHS}"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
         how = config.rollout

@@ -35,7 +35,7 @@ def tables() -> ElasticTables:
 
 @lru_cache
 def one():
-    return jax.jit(lambda V, x: restore_lengths(LengthState(x), V, free=FREE, tables=tables()))
+    return jax.jit(lambda V, state: restore_lengths(state, V, free=FREE, tables=tables()))
 
 
 def shortening(V: np.ndarray) -> float:
@@ -86,7 +86,7 @@ def test_cloth_that_lacks_length_folds_where_the_prediction_hints_at_it():
 def test_pins_stay_and_cloth_of_its_lengths_moves_nowhere():
     out = settled(blurred())
     np.testing.assert_array_equal(out[:, PINS], np.stack([blurred()[PINS]] * len(out)))
-    state, found, steps = one()(jnp.asarray(T), jnp.zeros((3, len(T))))
+    state, found, steps = one()(jnp.asarray(T), init_lengths(len(T)))
     np.testing.assert_allclose(found, T, atol=2e-7)
     assert steps == 1
     assert jnp.abs(state.x).max() < 2e-7
@@ -108,43 +108,44 @@ def test_a_frame_goes_on_from_the_last_and_a_chunk_from_the_last_chunk():
     at_once = restored(init_lengths(len(T)), frames)[1]
     state, first = restored(init_lengths(len(T)), frames[:6])
     np.testing.assert_allclose(np.concatenate([first, restored(state, frames[6:])[1]]), at_once, atol=1e-7)
-    x, by_hand = jnp.zeros((3, len(T))), []
+    state, by_hand = init_lengths(len(T)), []
     for V in frames:
-        state, V, steps = one()(V, x)
+        state, V, steps = one()(V, state)
         assert steps <= STEPS
         by_hand.append(V)
-        x = state.x
     np.testing.assert_allclose(jnp.stack(by_hand), at_once, atol=1e-6)
 
 
 def test_a_fold_that_is_not_needed_any_more_does_not_stretch_the_cloth():
-    x = jnp.zeros((3, len(T)))
+    folded = init_lengths(len(T))
     for _ in range(40):
-        x = one()(jnp.asarray(blurred()), x)[0].x
-    assert jnp.abs(x).max() > 2e-3
+        folded = one()(jnp.asarray(blurred()), folded)[0]
+    assert jnp.abs(folded.x).max() > 2e-3
+    far = (T[EDGES, 0] > 0.1).all(axis=1)  # beside the pins stretched cloth is drawn together
+    rest = np.linalg.norm(T[EDGES[:, 0]] - T[EDGES[:, 1]], axis=1)
     for pull in (1.0, 1.25):  # at its length, and stretched
         V = jnp.asarray(T * np.float32([1.0, 1.0, pull]))
-        state, out, _ = one()(V, x)
-        for _ in range(9):
-            state, out, _ = one()(V, state.x)
+        state, out, _ = one()(V, folded)
+        for _ in range(20):
+            state, out, _ = one()(V, state)
         length, before = (np.linalg.norm(v[EDGES[:, 0]] - v[EDGES[:, 1]], axis=1) for v in np.stack([out, V]))
-        rest = np.linalg.norm(T[EDGES[:, 0]] - T[EDGES[:, 1]], axis=1)
-        assert np.percentile(length / np.maximum(before, rest), 99) < 1.02
+        assert np.percentile((length / np.maximum(before, rest))[far], 99) < 1.03
 
 
 def test_what_makes_no_sense_is_soon_forgotten():
     V = jnp.asarray(blurred())
-    state, _, _ = one()(1e8 * V, jnp.zeros((3, len(T))))
+    state, _, _ = one()(1e8 * V, init_lengths(len(T)))
     assert jnp.abs(state.x).max() <= FARTHEST
+    assert jnp.abs(state.ahead).max() <= FARTHEST
 
 
 def test_a_broken_frame_comes_back_and_is_forgotten():
     V = jnp.asarray(blurred())
-    state, _, _ = one()(V, jnp.zeros((3, len(T))))
+    state, _, _ = one()(V, init_lengths(len(T)))
     broken = V.at[5, 1].set(jnp.nan)
-    after, out, steps = one()(broken, state.x)
+    after, out, steps = one()(broken, state)
     np.testing.assert_array_equal(out, broken)
-    np.testing.assert_array_equal(after.x, state.x)
+    jax.tree.map(np.testing.assert_array_equal, after, state)
     assert steps == 0
 
 
@@ -166,3 +167,15 @@ def test_a_crushed_fold_hardly_magnifies_a_rounding():
 def test_crushed_and_blown_up_cloth_stays_finite(scale):
     out = settled((scale * T).astype(np.float32), 5)
     assert np.isfinite(out).all()
+
+
+def test_cloth_that_lacks_much_makes_broad_folds_not_fine_ripples():
+    """A third is missing. Without the last frame's momentum most of it goes into waves of 8 cm."""
+    V = T * np.array([1.0, 1.0, 0.7])
+    V[:, 1] = 0.002 * np.random.default_rng(0).standard_normal(len(T))
+    out = settled(V.astype(np.float32), 60)[-1]
+    assert shortening(out) < 0.6 * shortening(V)
+    line = out.reshape(SIDE, SIDE, 3)[SIDE // 2 :, :, 1]  # heights along z, far from the pins
+    power = np.square(np.abs(np.fft.rfft(line - line.mean(axis=1, keepdims=True), axis=1))).sum(axis=0)
+    broad = np.arange(len(power)) < EDGE * SIDE / 0.11  # waves of more than 11 cm
+    assert power[broad].sum() > 0.8 * power.sum()
