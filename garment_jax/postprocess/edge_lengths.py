@@ -28,7 +28,7 @@ from garment_jax.geometry.elastic import (
 )
 from garment_jax.geometry.laplacian import LaplacianTable
 
-SPREAD = 0.04  # metres: longer waves stay where the networks have them
+SPREAD = 0.025  # metres: longer waves stay where the networks have them
 THICKNESS = 0.022  # metres: the smaller, the nearer edges come to their lengths, and the finer are folds
 # How many times its length an edge pushes for: where a crushed one points is chance, and its whole force
 # magnified a rounding of the garment a thousand times.

@@ -129,7 +129,7 @@ def test_a_fold_that_is_not_needed_any_more_does_not_stretch_the_cloth():
         for _ in range(20):
             state, out, _ = one()(V, state)
         length, before = (np.linalg.norm(v[EDGES[:, 0]] - v[EDGES[:, 1]], axis=1) for v in np.stack([out, V]))
-        assert np.percentile((length / np.maximum(before, rest))[far], 99) < 1.03
+        assert np.percentile((length / np.maximum(before, rest))[far], 99) < 1.02
 
 
 def test_what_makes_no_sense_is_soon_forgotten():
@@ -178,4 +178,4 @@ def test_cloth_that_lacks_much_makes_broad_folds_not_fine_ripples():
     line = out.reshape(SIDE, SIDE, 3)[SIDE // 2 :, :, 1]  # heights along z, far from the pins
     power = np.square(np.abs(np.fft.rfft(line - line.mean(axis=1, keepdims=True), axis=1))).sum(axis=0)
     broad = np.arange(len(power)) < EDGE * SIDE / 0.11  # waves of more than 11 cm
-    assert power[broad].sum() > 0.8 * power.sum()
+    assert power[broad].sum() > 0.6 * power.sum()
