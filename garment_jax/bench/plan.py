@@ -17,7 +17,7 @@ from garment_jax.dataset.prepared import training_clips
 
 # counted into the names of measurements: raise it when a change of the code changes what is measured
 MEASURED = 1
-LENGTHS = 2  # the way edge lengths are restored: another way, another number
+LENGTHS = 2  # the same for edge lengths alone: rows without them keep their names
 FINISHED = 2  # the same for what comes after a baseline's networks; ours' are named by their values
 TRAIN, ROLL, TIME, SIMULATE, LATENT = "train", "roll", "time", "simulate", "latent"
 
