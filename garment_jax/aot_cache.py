@@ -253,11 +253,16 @@ def _used(entry: str) -> str:
 
 def _only_newest(folder: Path, pattern: str, kept: int) -> None:
     """Remove all but the newest files or folders of a pattern: those of older versions, or long not used."""
-    for old in sorted(folder.glob(pattern), key=lambda path: path.stat().st_mtime)[:-kept]:
+    found = []
+    for path in folder.glob(pattern):
+        with suppress(OSError):  # another process may remove the same ones
+            found.append((path.stat().st_mtime, path))
+    for _, old in sorted(found)[:-kept]:
         if old.is_dir():
             shutil.rmtree(old, ignore_errors=True)
         else:
-            old.unlink(missing_ok=True)
+            with suppress(OSError):
+                old.unlink()
 
 
 def shapes_of(tree: Any) -> Any:

@@ -3,7 +3,7 @@
 import datetime
 import os
 import platform
-import resource
+import sys
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -56,13 +56,10 @@ def _version(package: str) -> str:
 
 def peak_mb() -> float:
     """Return the most memory that this process has held, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+    import resource  # Windows has no such module
 
-
-def resident_mb() -> float:
-    """Return the memory that this process holds now, MB."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes of what the system counts in
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def process_age() -> float | None:

@@ -9,7 +9,7 @@ from operator import itemgetter
 
 import jax
 import numpy as np
-from jaxtyping import Bool, PyTree
+from jaxtyping import PyTree
 
 from garment_jax.structs import FrameInput
 
@@ -17,8 +17,8 @@ from garment_jax.structs import FrameInput
 Rollout = Callable[[PyTree, PyTree, PyTree], tuple[PyTree, jax.Array]]
 
 
-def stack_motions(motions: Sequence[PyTree], chunk: int) -> tuple[PyTree, Bool[np.ndarray, "t b"]]:
-    """Return the motions as `[t, b, ...]`, t a multiple of `chunk`, and the mask of real frames.
+def stack_motions(motions: Sequence[PyTree], chunk: int) -> PyTree:
+    """Return the motions as `[t, b, ...]`, t a multiple of `chunk`.
 
     Shorter motions repeat their last frame (ours at rest, without turn and shift): the padding computes
     something finite that nobody reads, and all clips share one compiled program.
@@ -39,8 +39,7 @@ def stack_motions(motions: Sequence[PyTree], chunk: int) -> tuple[PyTree, Bool[n
             still = still._replace(turn=np.eye(3, dtype=np.float32), shift=np.zeros(3, np.float32))
         return jax.tree.map(lambda a, b: np.concatenate([a, np.repeat(b[None], more, axis=0)]), motion, still)
 
-    stacked = jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *map(padded, motions))
-    return stacked, np.arange(total)[:, None] < np.array(lengths)[None]
+    return jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *map(padded, motions))
 
 
 def frame_count(x: PyTree) -> int:
@@ -105,7 +104,7 @@ def rollout_batch(
     `body.root_frame.from_root(V[i], inputs[i].root, inputs[i].yaw)` puts a motion's garment into the world.
     Raises `ValueError` as `stack_motions` does, and unless there are as many states as motions.
     """
-    x, _ = stack_motions(motions, chunk)
+    x = stack_motions(motions, chunk)
     _check_states(state, motions)
     V = np.concatenate([np.asarray(v) for _, v in rollout_chunks(run, params, state, x, chunk=chunk)])
     return [V[: frame_count(motion), b] for b, motion in enumerate(motions)]

@@ -45,7 +45,7 @@ def whole_inputs(method: FrameMethod, motion: Motion) -> PyTree:
 
 def in_chunks(x: PyTree, chunk: int) -> Iterator[PyTree]:
     """Yield a motion's inputs (leaves `[t, ...]`) in chunks, the last one padded as by `stack_motions`."""
-    padded, _ = stack_motions([x], chunk)
+    padded = stack_motions([x], chunk)
     for start in range(0, frame_count(padded), chunk):
         yield jax.tree.map(itemgetter((slice(start, start + chunk), 0)), padded)
 

@@ -92,30 +92,27 @@ def _animate_one(
     say: Callable[[str], None] | None = None,
     show_early: Callable[[Path], bool] | None = None,
 ) -> Animated:
-    from garment_jax.io.formats.damage import reading
-
     asked, (output, key), said = opened.asked, job, []
     replacing = asked.force or bool(key and is_begun(output, key))
-    with reading(output.motion or asked.model):
+    if key:
+        record(output, key)
+    try:
+        files = write_animation(
+            opened.opened,
+            opened.sample,
+            output,
+            asked.shape,
+            asked.own,
+            asked.wanted,
+            force=replacing,
+            planning=asked.planning,
+            say=said.append if say is None else say,
+            show_early=show_early,
+        )
+    except BaseException:
         if key:
-            record(output, key)
-        try:
-            files = write_animation(
-                opened.opened,
-                opened.sample,
-                output,
-                asked.shape,
-                asked.own,
-                asked.wanted,
-                force=replacing,
-                planning=asked.planning,
-                say=said.append if say is None else say,
-                show_early=show_early,
-            )
-        except BaseException:
-            if key:
-                forget(output)
-            raise
-        if key:
-            record(output, key, files)
+            forget(output)
+        raise
+    if key:
+        record(output, key, files)
     return Animated(files, said)

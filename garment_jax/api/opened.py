@@ -180,7 +180,7 @@ def _within(
     from garment_jax.animation.calibration import frame_times
     from garment_jax.animation.variants import apply_variant, choose
 
-    rows = _rows(path, model, plan)
+    rows = _rows(path, plan)
     times = frame_times(model, scene, motion, [r.name for r in rows], folder=here.folder, store=here.store)
     chosen = choose(rows, times, budget_ms)
     v, why = chosen.variant, f"does not fit the budget of {budget_ms:g} ms"
@@ -197,7 +197,7 @@ def _within(
     return chosen.name, plan, apply_variant(model, v), line
 
 
-def _rows(path: str, model: "Model", plan: "ScenePlan") -> "list[Measured]":
+def _rows(path: str, plan: "ScenePlan") -> "list[Measured]":
     """Return the measured variants that leave out all that the plan leaves out.
 
     Raises `ValueError` where none leaves out no more: collisions would be left unhandled for no lack of time.

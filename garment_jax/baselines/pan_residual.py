@@ -53,7 +53,7 @@ def _hidden_shape(params: dict, batch: ResidualBatch) -> tuple[int, int]:
 def low_motions(low: dict, x: list[np.ndarray]) -> list[np.ndarray]:
     """Return the smooth part's rollout of each clip, standardised bone motions `[t, 6 b]`."""
     h = np.zeros((len(x), len(first_hidden(low))), np.float32)
-    out = np.asarray(jax.jit(recur)(low, h, stack_motions(x, 1)[0])[1])
+    out = np.asarray(jax.jit(recur)(low, h, stack_motions(x, 1))[1])
     return [out[: len(clip), i] for i, clip in enumerate(x)]
 
 

@@ -1,8 +1,8 @@
 """What every benchmark says about itself: a table under the machine's line, and a JSON file."""
 
-import json
 from pathlib import Path
 
+from garment_jax.bench.files import write_json
 from garment_jax.machine import machine
 
 
@@ -23,9 +23,7 @@ def report(rows: list[dict], *, title: str, facts: dict, json_path: Path | None)
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     if json_path is not None:
         json_path.parent.mkdir(parents=True, exist_ok=True)
-        json_path.write_text(
-            json.dumps({"title": title, "machine": where, "facts": facts, "rows": rows}, indent=1)
-        )
+        write_json(json_path, {"title": title, "machine": where, "facts": facts, "rows": rows})
 
 
 def _spell(value: object) -> str:

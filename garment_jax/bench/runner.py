@@ -69,13 +69,13 @@ def benchmark(
             if job is None:
                 break
             began = time.monotonic()
-            show(f"{describe(plan, job)} ...")
+            show(f"{describe(job)} ...")
             code = run_job(told, job, timed_by=timed_by if job.kind in (TIME, SIMULATE) else "")
             if code or not job.done.is_file():
-                failed[job.done] = f"{describe(plan, job)} failed (exit code {code})"
+                failed[job.done] = f"{describe(job)} failed (exit code {code})"
                 show(failed[job.done])
             else:
-                show(f"{describe(plan, job)} took {time.monotonic() - began:.0f} s")
+                show(f"{describe(job)} took {time.monotonic() - began:.0f} s")
                 if kept is not None:
                     keep(plan, Path(kept))
         if kept is not None:
@@ -146,8 +146,8 @@ def _do_ready(
         for key, outcome in farm.map(Work(partial(dict, told), work_there), jobs):
             error = outcome.error or ("" if key.is_file() else f"{key} is not there")
             if error:
-                failed[key] = f"{describe(plan, jobs[key])} failed: {error}"
-            show(failed[key] if error else f"{describe(plan, jobs[key])} took {outcome.value:.0f} s")
+                failed[key] = f"{describe(jobs[key])} failed: {error}"
+            show(failed[key] if error else f"{describe(jobs[key])} took {outcome.value:.0f} s")
             yield not error
 
 
@@ -156,7 +156,7 @@ def _trained(plan: Plan, job: Job) -> bool:
     return record.is_file() and not read_json(record)["diverged"]
 
 
-def describe(plan: Plan, job: Job) -> str:
+def describe(job: Job) -> str:
     """Return a job in words, with the time."""
     scale = "" if job.rate == 1 else f", rates × {job.rate:g}"
     scale += "" if job.length == 1 else f", length × {job.length:g}"

@@ -5,7 +5,6 @@ where everything that it depends on is the same (`identity.stage_name`).
 """
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,7 @@ from garment_jax.bench.files import read_json, write_json
 from garment_jax.bench.identity import stage_name
 from garment_jax.config import Config, content_hash, to_dict
 from garment_jax.io.stored_arrays import digest_path
-from garment_jax.storage.whole import replaced, write_text
+from garment_jax.storage.whole import link_or_copy, replaced, write_text
 from garment_jax.training.checkpoint import FOLDER, seal
 from garment_jax.training.log import FILE_NAME, read_log
 
@@ -65,7 +64,7 @@ def _take(stage: str, steps: int, other: Path, run: Path, config: Config) -> Non
     """Link one finished stage; its description then names the new run's configuration."""
     target = run / FOLDER / stage / str(steps)
     with replaced(target) as (taken,):
-        shutil.copytree(other / FOLDER / stage / str(steps), taken, copy_function=os.link)
+        shutil.copytree(other / FOLDER / stage / str(steps), taken, copy_function=link_or_copy)
         described = read_json(taken / "metadata.json")
         described["metadata"] |= {"config": to_dict(config), "config_hash": content_hash(config)}
         write_json(taken / "metadata.json", described)  # replaces the link, the other run keeps its own
@@ -80,9 +79,5 @@ def _take(stage: str, steps: int, other: Path, run: Path, config: Config) -> Non
 
 
 def _link(source: Path, target: Path) -> None:
-    if target.exists():
-        return
-    try:
-        os.link(source, target)
-    except OSError:  # another file system: a copy does as well
-        shutil.copy2(source, target)
+    if not target.exists():
+        link_or_copy(source, target)

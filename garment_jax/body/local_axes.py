@@ -17,6 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from garment_jax.geometry.rigid_fit import nearest_rotations
 from garment_jax.structs import RiggedBody
 
 SNAP = np.radians(20.0)  # a trunk's joint that leans less has its own axes
@@ -168,7 +169,7 @@ def _hinges(positions: np.ndarray, at: Mapping[str, int]) -> dict[str, np.ndarra
     """
     found = {}
     up = _unit(positions[:, at["Neck"]] - positions[:, at["Hips"]])
-    for side, sign in zip(_SIDES, (1.0, -1.0), strict=True):
+    for side in _SIDES:
         left = _unit(positions[:, at["LeftUpLeg"]] - positions[:, at["RightUpLeg"]])
         straight = {
             "Leg": left,
@@ -180,7 +181,6 @@ def _hinges(positions: np.ndarray, at: Mapping[str, int]) -> dict[str, np.ndarra
             if np.linalg.norm(hinge, axis=1).max(initial=0.0) < _BENT:
                 hinge = straight[kind]
             found[side + a] = found[side + b] = hinge
-        del sign
     return found
 
 
@@ -208,8 +208,7 @@ def _body_hinge(role: str, side: str, body: RiggedBody, roles: Mapping[str, int]
 def _as_above(rotations: np.ndarray, source: int, above: int, C: np.ndarray) -> np.ndarray:
     """Return the C that turns a joint like its parent in the mean over the frames."""
     mean = np.mean(np.swapaxes(rotations[:, source], -1, -2) @ rotations[:, above] @ C, axis=0)
-    u, _, v = np.linalg.svd(mean)
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    return nearest_rotations(mean)
 
 
 def _local_mean(R: np.ndarray, vectors: np.ndarray) -> np.ndarray:

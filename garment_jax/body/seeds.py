@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from garment_jax.body.kinematics import joint_positions
 from garment_jax.body.root_frame import yaw_matrix
+from garment_jax.geometry.rigid_fit import nearest_rotations
 from garment_jax.structs import Motion, Scene
 
 COVER_DISTANCE = 0.2  # metres from the garment at which the body still counts as covered
@@ -69,16 +70,9 @@ def seed_transforms(
     offset = positions - np.einsum("tjab,jb->tja", rotations, body.joints.astype(np.float64))
     canonical = seeds.points + origin
     posed = np.einsum("tmab,mb->tma", blended, canonical) + np.einsum("mj,tja->tma", weights, offset)
-    R = _nearest_rotation(blended)
+    R = nearest_rotations(blended)
     turn = yaw_matrix(-yaw)[:, None]
     R_root = turn @ R
     posed_root = (turn @ (posed - motion.root[:, None])[..., None])[..., 0]
     t_root = posed_root - np.einsum("tmab,mb->tma", R_root, seeds.points.astype(np.float64))
     return R_root.astype(np.float32), t_root.astype(np.float32)
-
-
-def _nearest_rotation(matrices: np.ndarray) -> np.ndarray:
-    U, _, Vt = np.linalg.svd(matrices)
-    sign = np.sign(np.linalg.det(U @ Vt))
-    U[..., :, 2] *= sign[..., None]
-    return U @ Vt

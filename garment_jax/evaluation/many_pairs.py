@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from garment_jax.evaluation.command import evaluate_files
 from garment_jax.farm.work import Farm, Outcome, Work
-from garment_jax.io.formats.damage import reading
 from garment_jax.progress import FrameProgress
 
 
@@ -46,5 +45,5 @@ def _itself(how: _How) -> _How:
 
 
 def _evaluate(how: _How, pair: Pair) -> dict[str, Any]:
-    with reading(pair.pred), FrameProgress(pair.pred.stem) if how.show else nullcontext() as progress:
+    with FrameProgress(pair.pred.stem) if how.show else nullcontext() as progress:
         return evaluate_files(pair.pred, pair.truth, every=how.every, again=pair.again, progress=progress)

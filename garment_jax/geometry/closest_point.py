@@ -42,7 +42,7 @@ def closest_point_exact(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     bound = distance_to_corner(nearest_leaf(fixed, still, tables), fixed, still, tables)
-    found = search(fixed.T[:, None], bound[None], still, tables)
+    found = search(fixed.T[:, None], bound[None], still)
     # nothing is found only for points that are not finite, and their answer is not either
     return closest_point_on(jnp.maximum(found.triangle[0], 0), local, surface, tables)
 
@@ -63,7 +63,7 @@ def closest_point_from(
     local = points - surface.origin[None]
     fixed, still = jax.lax.stop_gradient((local, surface))
     groups, planes = jnp.asarray(groups).T, fixed.T
-    found = search(planes[:, groups], distance_to(previous, planes, still, tables)[groups], still, tables)
+    found = search(planes[:, groups], distance_to(previous, planes, still, tables)[groups], still)
     # Padding repeats a point, whose slots agree, so the order of the writes does not matter.
     triangle = previous.at[groups].set(jnp.where(found.triangle < 0, previous[groups], found.triangle))
     return closest_point_on(triangle, local, surface, tables)

@@ -14,7 +14,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from garment_jax.geometry.gather import coordinates_of
 from garment_jax.geometry.noinline import noinline
-from garment_jax.geometry.self_crossings import AT_ONCE, CrossingTables, Found, crosses, marked, places
+from garment_jax.geometry.self_crossings import (
+    AT_ONCE,
+    CrossingTables,
+    Found,
+    blocked_mask,
+    crosses,
+    next_true,
+)
 from garment_jax.geometry.triangle import cross, dot, minus
 
 STEEP = 1e-3  # cosine between edge and normal below which an edge counts as that steep
@@ -58,14 +65,14 @@ def shorter_contours(
     A direction is shorter than 1. An edge's ends share one, a face's corners another, by where on them the
     crossing is.
     """
-    edges, faces = marked(found.edge), marked(found.face & jnp.asarray(tables.own))
+    edges, faces = blocked_mask(found.edge), blocked_mask(found.face & jnp.asarray(tables.own))
     flat = (V - V.mean(axis=0, keepdims=True)).T.reshape(-1)
     columns = -(-faces.count[-1] // AT_ONCE)
 
     def turn(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         k, push = carry
-        one, there = places(edges, AT_ONCE * (k // columns))
-        other, here = places(faces, AT_ONCE * (k % columns))
+        one, there = next_true(edges, AT_ONCE * (k // columns))
+        other, here = next_true(faces, AT_ONCE * (k % columns))
         crossing = _through(flat, one, other, tables) & there[:, None] & here[None]
         return k + 1, _with_pairs(push, flat, crossing, (one, other), tables)
 
@@ -83,11 +90,11 @@ def _through(flat: Array, one: Array, other: Array, tables: ContourTables) -> Ar
 def _with_pairs(
     push: Array, flat: Array, crossing: Array, among: tuple[Array, Array], tables: ContourTables
 ) -> Array:
-    pairs, width = marked(crossing.reshape(-1)), crossing.shape[1]
+    pairs, width = blocked_mask(crossing.reshape(-1)), crossing.shape[1]
 
     def turn(carry: tuple[Array, Array]) -> tuple[Array, Array]:
         at, push = carry
-        place, there = places(pairs, at)
+        place, there = next_true(pairs, at)
         edge, face = among[0][place // width], among[1][place % width]
         ends, beside = (jnp.asarray(x)[:, edge] for x in (tables.ends, tables.beside))
         return at + AT_ONCE, _pushed(push, flat, ends, beside, jnp.asarray(tables.faces)[:, face], there)

@@ -225,21 +225,21 @@ def _pairs(patches: _Boxes, tables: CrossingTables) -> Bool[Array, "p p"]:
     return jnp.asarray(once) & _overlap(one, other) & (~jnp.asarray(tables.near) | _fold(one, other))
 
 
-class Marked(NamedTuple):
+class BlockedMask(NamedTuple):
     """A mask in blocks: XLA's sum up to each of 65,536 places takes longer than all else here."""
 
     blocks: jax.Array  # [b, BLOCK] bool
     count: jax.Array  # [b] int32 true ones up to each block's end
 
 
-def marked(mask: Bool[Array, " k"]) -> Marked:
+def blocked_mask(mask: Bool[Array, " k"]) -> BlockedMask:
     """Return a mask with its true ones counted."""
     blocks = jnp.pad(mask, (0, -len(mask) % BLOCK)).reshape(-1, BLOCK)
-    return Marked(blocks, jnp.cumsum(blocks.sum(axis=1, dtype=jnp.int32)))
+    return BlockedMask(blocks, jnp.cumsum(blocks.sum(axis=1, dtype=jnp.int32)))
 
 
 @noinline
-def places(marked: Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[Array, " q"]]:
+def next_true(marked: BlockedMask, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[Array, " q"]]:
     """Return the places of the next `AT_ONCE` true ones after the first `at`, and which of these exist."""
     wanted = at + jnp.arange(1, AT_ONCE + 1, dtype=jnp.int32)
     block = jnp.searchsorted(marked.count, wanted)
@@ -254,13 +254,13 @@ def places(marked: Marked, at: Int[Array, ""]) -> tuple[Int[Array, " q"], Bool[A
 def _looked(P: Array, groups: _Boxes, active: Array, tables: CrossingTables) -> Found:
     p = len(tables.near)
     children = tables.faces.shape[2] // p
-    pairs = marked(active.reshape(-1))
+    pairs = blocked_mask(active.reshape(-1))
     many = pairs.count[-1]
     own = np.arange(children, dtype=np.int32)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen, there = places(pairs, at)
+        chosen, there = next_true(pairs, at)
         first, second = chosen // p, chosen % p
         i = (first[None] + p * own[:, None])[:, None]
         j = (second[None] + p * own[:, None])[None]
@@ -296,11 +296,11 @@ def _through(
     tables: CrossingTables,
 ) -> tuple[Array, Array]:
     """Return which edges and faces are `known` to cross, with those of these pairs of groups."""
-    wanted = marked(mask)
+    wanted = blocked_mask(mask)
 
     def turn(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         at, edges, faces = carry
-        chosen, there = places(wanted, at)
+        chosen, there = next_true(wanted, at)
         one, other = (x[chosen] for x in pairs)
         for a, b in ((one, other), (other, one)):
             crossed = _crossed(P, a, b, tables) & there[None, None]

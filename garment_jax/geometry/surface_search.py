@@ -107,7 +107,6 @@ def search(
     points: Float[Array, "3 s g"],
     limit: Float[Array, "s g"],
     surface: PosedSurface,
-    tables: SurfaceTables,
     *,
     at_once: int = PAIRS,
 ) -> Nearest:

@@ -48,6 +48,7 @@ class FoundTrack(NamedTuple):
 
 @reads_fbx
 @reads_foreign
+@reads_foreign
 def read_motion(
     path: str | Path,
     body: RiggedBody,
@@ -98,8 +99,6 @@ def read_motion(
             fps=fps,
             source_fps=source_fps,
             unit=unit,
-            up=up,
-            rest_up=rest_up,
             origin=origin,
             choice=(animation, mesh, skeleton),
             say=say,
@@ -143,8 +142,6 @@ def read_track(
     fps: float | None = None,
     source_fps: float | None = None,
     unit: float | str | None = None,
-    up: str | None = None,
-    rest_up: str | None = None,
     origin: np.ndarray | None = None,
     choice: tuple[str | None, str | None, str | None] = (None, None, None),
     say: Say = lambda _: None,
@@ -161,7 +158,7 @@ def read_track(
         settled = settle_unit(motion.unit, unit, size, f"{path}: the garment", UNIT)
         if settled.note:
             say(settled.note)
-        track = smpl_track(motion, body, unit=settled.metres, up=up or motion.up, origin=origin)
+        track = smpl_track(motion, body, unit=settled.metres, origin=origin)
         found = FoundTrack(track._replace(notes=motion.notes), motion.rate, motion.up, 1.0)
     elif suffix == ".h5":
         track, fps = _sequence(path)
@@ -253,7 +250,6 @@ def smpl_track(
     body: RiggedBody,
     *,
     unit: float,
-    up: str,
     origin: np.ndarray | None = None,
 ) -> SkeletonTrack:
     """Return a motion of the SMPL family on its own skeleton, in its file's world, metres.

@@ -3,7 +3,6 @@
 Learning rates follow the number of steps, so it has to be known before the first one.
 """
 
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from garment_jax.config import Config
 from garment_jax.dataset.prepared import prepare
 from garment_jax.simulation.settings import ClothSettings
 from garment_jax.storage.scratch import scratch
+from garment_jax.storage.whole import link_or_copy
 from garment_jax.structs import Scene
 from garment_jax.training.log import read_log
 from garment_jax.training.pipeline import train
@@ -59,7 +59,7 @@ def calibrate(config: Config, clips: Path, run: Path) -> Calibration:
         (first / CACHE).mkdir(parents=True)
         prepare(clips, config, run / CACHE)
         for file in (run / CACHE).glob("*.npy*"):  # named by what they are of
-            os.link(file, first / CACHE / file.name)
+            link_or_copy(file, first / CACHE / file.name)
         began = time.monotonic()
         with _compiling() as compiling:
             train(with_steps(config, STEPS), first, data_dir=clips)

@@ -73,7 +73,7 @@ def check_rate(model: Model | ModelFacts, motion: Motion, name: str) -> None:
 
 
 def without_column_rnn(model: Model) -> Model:
-    """Return the model that moves by its latents alone, the paper's way; itself without a column RNN."""
+    """Return the model that moves by its latents alone; itself without a column RNN."""
     return model._replace(params={k: v for k, v in model.params.items() if k != "column_rnn"})
 
 
@@ -124,9 +124,9 @@ def template_for(model: Model, scene: Scene, name: str) -> tuple[Template, Seeds
             template = template._replace(ring=ring)
         except ValueError as error:
             raise ValueError(
-                f"{name} has a garment with parts that hang on no pin, and the model's column RNN needs "
-                "pins; give a clip with them, or leave it out (infer.py --no-column-rnn, "
-                "animation.without_column_rnn)."
+                f"{name} has a garment whose pins do not lie around the body, or with parts that hang on "
+                "none, as the model's column RNN needs them; give a clip with such pins, or leave it out "
+                "(--no-column-rnn, in Python animation.without_column_rnn)."
             ) from error
     return template, make_seeds(scene, model.config.body.seeds)
 

@@ -43,7 +43,7 @@ FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says no
 Vector = tuple[Array, ...]  # x, y, z of one or many points
 
 
-class CrossingTables(NamedTuple):
+class LimbCrossingTables(NamedTuple):
     """What does not change from frame to frame (static)."""
 
     faces: np.ndarray  # [f, 3] int32
@@ -61,9 +61,9 @@ class CrossingState(NamedTuple):
     begun: jax.Array  # [] bool: there was a last frame
 
 
-def make_crossing_tables(
+def make_limb_crossing_tables(
     template: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], limbs: Limbs, table: LaplacianTable
-) -> CrossingTables | None:
+) -> LimbCrossingTables | None:
     """Return the tables of a garment (`template` in metres); None without limbs."""
     edges = unique_edges(np.asarray(faces))
     if not len(limbs.radius) or not len(edges):
@@ -72,7 +72,7 @@ def make_crossing_tables(
     length = np.linalg.norm(T[edges[:, 0]] - T[edges[:, 1]], axis=1)
     reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
     elastic = make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS)
-    return CrossingTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
+    return LimbCrossingTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
 
 
 def init_crossings(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> CrossingState:
@@ -86,7 +86,7 @@ def undo_crossings(
     bones: Float[Array, "q 2 3"],
     *,
     free: Bool[Array, " n"],
-    tables: CrossingTables,
+    tables: LimbCrossingTables,
 ) -> tuple[CrossingState, Float[Array, "n 3"], Int[Array, ""]]:
     """Return the state, the cloth on its side of the limbs, and how many bones crossed `V_f`.
 
@@ -121,7 +121,7 @@ def after_collisions(
 
 
 def pierced_by(
-    P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: CrossingTables
+    P: Float[Array, "3 n"], bones: Float[Array, "q 2 3"], tables: LimbCrossingTables
 ) -> Bool[Array, " q"]:
     """Return which bones properly cross a face of the cloth."""
     faces = jnp.asarray(tables.faces)
@@ -144,7 +144,7 @@ def _held(
     bones: Float[Array, "q 2 3"],
     free: Bool[Array, " n"],
     state: CrossingState,
-    tables: CrossingTables,
+    tables: LimbCrossingTables,
 ) -> Float[Array, "3 n"]:
     """Return the displacement that keeps the cloth on its side of all bones.
 

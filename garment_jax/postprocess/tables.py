@@ -16,7 +16,7 @@ from garment_jax.postprocess.collision.tables import (
     make_collision_tables,
 )
 from garment_jax.postprocess.edge_lengths import make_length_tables
-from garment_jax.postprocess.limb_crossings import CrossingTables, make_crossing_tables
+from garment_jax.postprocess.limb_crossings import LimbCrossingTables, make_limb_crossing_tables
 from garment_jax.postprocess.pins import pin_extension
 from garment_jax.postprocess.untangling import UntangleTables, make_untangle_tables
 from garment_jax.structs import Collider, Garment, RiggedBody
@@ -39,7 +39,7 @@ class ContactTables(NamedTuple):
     free: np.ndarray  # [n] bool, those that are no pins
     collision: CollisionTables
     options: CollisionOptions
-    crossings: CrossingTables | None  # None: limbs are not followed
+    crossings: LimbCrossingTables | None  # None: limbs are not followed
     strain: StrainTables | None  # None: what collision handling stretches stays so
     untangle: UntangleTables | None  # None: the garment may go through itself
 
@@ -87,7 +87,9 @@ def make_contact_tables(
     """
     surface = make_collider_tables(collider, body)
     crossings = (
-        None if limbs is None else make_crossing_tables(garment.template, garment.faces, limbs, laplacian)
+        None
+        if limbs is None
+        else make_limb_crossing_tables(garment.template, garment.faces, limbs, laplacian)
     )
     own = None
     if untangle and len(garment.faces):

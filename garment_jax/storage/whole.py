@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -80,6 +81,7 @@ class Unfinished:
 
     def move(self) -> None:
         """Let the file, closed by now, take the target's place."""
+        sync(self.path)
         os.replace(self.path, self._target)
 
     def discard(self) -> None:
@@ -91,6 +93,16 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file, UTF-8, whole or not at all."""
     with replaced(path) as (made,):
         made.write_text(text, encoding="utf-8")
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """Make `target` the file `source` by another name, or a copy where the file system has no such links."""
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        raise
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def sync(path: Path) -> None:

@@ -98,7 +98,7 @@ def _rollout_codes(run: Run, params: dict, progress: FrameProgress) -> list[np.n
     for first in range(0, len(run.data.train), AT_ONCE):
         clips = run.data.train[first : first + AT_ONCE]
         clips = clips + clips[-1:] * (AT_ONCE - len(clips))  # one compiled width
-        x, _ = stack_motions([clip.input.x for clip in clips], CHUNK)
+        x = stack_motions([clip.input.x for clip in clips], CHUNK)
         start = run.skinned(
             np.stack([clip.input.R_seed[0] for clip in clips]),
             np.stack([clip.input.t_seed[0] for clip in clips]),

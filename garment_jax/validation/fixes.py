@@ -55,7 +55,7 @@ class Fixed(NamedTuple):
         return f"fixed: {self.source} -> {self.path}: {'; '.join(self.done)}"
 
 
-def target(path: Path, files: Sequence[Path], out: Path) -> Path:
+def target(path: Path, out: Path) -> Path:
     """Return where the copy of `path` goes: under its split's folder where it has one."""
     folder = path.resolve().parent.name
     return out / folder / path.name if folder in ("train", "test") else out / path.name
@@ -67,7 +67,7 @@ def check_out(files: Sequence[Path], out: Path) -> None:
         raise OSError(f"--out {out} is no folder; choose another one.")
     taken: dict[Path, Path] = {}
     for path in files:
-        to = target(path, files, out).resolve()
+        to = target(path, out).resolve()
         if to in {file.resolve() for file in files}:
             raise ValueError(f"--out {out} would replace {path}; choose another folder.")
         if to in taken:
@@ -91,7 +91,7 @@ def fix_file(path: Path, files: Sequence[Path], out: Path, *, fps: float | None 
         return Fixed(path, None, [])
     if not path.exists():
         return Fixed(path, None, [], "it is not there")
-    to = target(path, files, out)
+    to = target(path, out)
     try:
         with reading(path):
             done = fixer(path, to, fps)

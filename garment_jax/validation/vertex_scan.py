@@ -25,7 +25,6 @@ class Scan(NamedTuple):
     movement: float  # metres, of the vertex that moves most, in the world
     sampled: np.ndarray  # [k] frames measured below
     ratio_p1: np.ndarray  # [k] per cent quantiles of edge length over the template's
-    ratio_p50: np.ndarray
     ratio_p99: np.ndarray
     ratio_max: np.ndarray  # [k]
     longest: np.ndarray  # [k, 2] vertices of the longest edge
@@ -101,7 +100,7 @@ class _Pass:
         if self.neighbours is not None:
             folded = folded_faces(v, self.garment.faces, self.neighbours).mean()
             strain = np.percentile(np.abs(ratio - 1), 99)
-        quantiles = np.percentile(ratio, [1, 50, 99])
+        quantiles = np.percentile(ratio, [1, 99])
         return (*quantiles, ratio[worst], self.edges[worst], strain, folded, *self._pins(frame, v))
 
     def _pins(self, frame: int, v: np.ndarray) -> tuple[float, int]:
@@ -118,7 +117,7 @@ class _Pass:
         broken = self.bad[1:] | self.bad[:-1]
         step, world = np.where(broken, np.nan, self.step), np.where(broken, np.nan, self.world)
         movement = float(np.max(self.high - self.low)) if np.ndim(self.low) else 0.0
-        columns = [np.array(column) for column in zip(*self.rows, strict=True)] or [np.zeros(0)] * 10
+        columns = [np.array(column) for column in zip(*self.rows, strict=True)] or [np.zeros(0)] * 9
         return Scan(
             self.not_finite,
             self.first_bad,

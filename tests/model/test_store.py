@@ -145,7 +145,7 @@ def test_another_garment_is_refused_by_name():
 def test_a_column_rnn_needs_pins_and_codes_alone_do_not():
     model, free = column_rnn_model(), SCENE._replace(pins=None)
     assert template_for(model, SCENE, "polka")[0].ring is not None
-    with pytest.raises(ValueError, match=r"polka has a garment with parts that hang on no pin, "):
+    with pytest.raises(ValueError, match=r"polka has a garment whose pins do not lie around the body, "):
         template_for(model, free, "polka")
     assert template_for(without_column_rnn(model), free, "polka")[0].ring is None
 

@@ -13,10 +13,10 @@ from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.postprocess import limb_crossings
 from garment_jax.postprocess.limb_crossings import (
-    CrossingTables,
+    LimbCrossingTables,
     after_collisions,
     init_crossings,
-    make_crossing_tables,
+    make_limb_crossing_tables,
     undo_crossings,
 )
 from tests.postprocess.collision.cloth import sheet
@@ -29,8 +29,8 @@ FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of 
 
 
 @lru_cache
-def made() -> CrossingTables:
-    result = make_crossing_tables(REST, FACES, LIMBS, TABLE)
+def made() -> LimbCrossingTables:
+    result = make_limb_crossing_tables(REST, FACES, LIMBS, TABLE)
     assert result is not None
     return result
 
@@ -133,7 +133,7 @@ def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
     """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
     longer = jnp.asarray((1.05 * REST).astype(np.float32))
     bones = np.repeat(np.array([[[0.02, -0.1, 0.03], [0.02, 0.1, 0.03]]], np.float32), 2, 0)
-    thin = make_crossing_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
+    thin = make_limb_crossing_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
     assert thin is not None
     state = init_crossings(longer, jnp.asarray(bones))
     for _ in range(3):
@@ -194,7 +194,7 @@ def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
 
 def test_a_body_without_limbs_needs_no_tables():
     none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
-    assert make_crossing_tables(REST, FACES, none, TABLE) is None
+    assert make_limb_crossing_tables(REST, FACES, none, TABLE) is None
 
 
 def test_the_next_frame_goes_on_from_what_came_out_of_the_body():

@@ -132,7 +132,7 @@ def _plain(name: str) -> str:
 
 def _travelling(file: GltfFile, animation: int, nodes: Nodes, children: list[list[int]], top: int) -> int:
     """Return the joint below `top` that carries the body about: its place in its parent varies."""
-    travel = _travels(file, animation, len(nodes.names))
+    travel = _travels(file, animation)
     size = float(np.ptp(scene_matrices(file, nodes, _below(children, top))[:, :3, 3], axis=0).max())
     below = {node: len(_below(children, node)) for node in children[top]}
     while below:
@@ -144,7 +144,7 @@ def _travelling(file: GltfFile, animation: int, nodes: Nodes, children: list[lis
     return top
 
 
-def _travels(file: GltfFile, animation: int, count: int) -> dict[int, float]:
+def _travels(file: GltfFile, animation: int) -> dict[int, float]:
     """Return how far each node's translation keys are apart, in its parent's unit."""
     found = {}
     moving = element(file, "animations", animation)

@@ -109,7 +109,8 @@ def position_map(V: Float[Array, "*b n 3"], template: Template) -> Float[Array, 
     n = len(template.T)
     if V.shape[-2:] != (n, 3):
         raise ValueError(f"V is {list(V.shape)} and the template has {n} vertices; give V as [..., {n}, 3].")
-    mean, std = (jnp.broadcast_to(x, V.shape) for x in template.statistics[:2])
+    known = template.statistics
+    mean, std = (jnp.broadcast_to(x, V.shape) for x in (known.map_mean, known.map_std))
     return to_map((V - mean) / std, template.atlas)
 
 

@@ -87,7 +87,8 @@ def _code(
     """Return Z from the GRU state and the pooled map: `motion_code` without E_s' convolutions."""
     joined = h
     if config.previous_state:
-        mean, std = (jnp.broadcast_to(x, pooled.shape) for x in template.statistics[:2])
+        known = template.statistics
+        mean, std = (jnp.broadcast_to(x, pooled.shape) for x in (known.map_mean, known.map_std))
         normal = ((pooled - mean) / std).reshape(*pooled.shape[:-2], -1)
         skip = PooledSkip(config.state_dim, config.state_hidden)
         e = jnp.asarray(skip.apply({"params": params["E_s"]["skip"]}, normal))

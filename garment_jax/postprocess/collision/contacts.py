@@ -179,7 +179,7 @@ def find_contacts(
     """
     distance = distance_to(last, local, surface, tables.surface)
     within = gathered(jnp.where(limit >= 0, jnp.minimum(limit, distance), -1.0), tables.groups.T)
-    found = search(grouped, within, surface, tables.surface).triangle
+    found = search(grouped, within, surface).triangle
     contacts = _without_answers(found, last, limit, tables)
 
     return in_chunks(
@@ -250,7 +250,7 @@ def search_few(
     Those that follow each other search together.
     """
     grouped = points.reshape(3, -1, TOGETHER).transpose(0, 2, 1)
-    found = search(grouped, within.reshape(-1, TOGETHER).T, surface, tables.surface, at_once=ANSWERS)
+    found = search(grouped, within.reshape(-1, TOGETHER).T, surface, at_once=ANSWERS)
     return found.triangle.T.reshape(-1)
 
 
