@@ -19,7 +19,7 @@ def add(commands) -> None:
         does="train, roll out and measure every method; one report",
         examples=EXAMPLES,
     )
-    parser.add_argument("config", help="a TOML file, or a name of the package: benchmark, benchmark_full")
+    parser.add_argument("config", help="a TOML file, or a name of the package, such as benchmark")
     parser.add_argument("--data", type=Path, help="folder with train/ and test/ (default: the file's)")
     parser.add_argument("--out", type=Path, help="folder for runs, results and report (default: the file's)")
     parser.add_argument(

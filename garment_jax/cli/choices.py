@@ -1,3 +1,3 @@
 """What options may be chosen of, kept here so that `--help` need import nothing else."""
 
-GARMENTS = ("skirt", "circle_skirt", "dress", "cape")  # as embedded.scene
+GARMENTS = ("skirt", "circle_skirt", "dress", "cape")  # as procedural.scene

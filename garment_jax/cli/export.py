@@ -14,7 +14,7 @@ EXAMPLES = """  garment-jax export pred.h5 --out pred.usdc
 
 
 ENDINGS = {"usd": ".usdc", "obj": "_obj"}  # of a name that is made here; of others the format's own
-FORMATS = ("usd", "glb", "pc2", "mdd", "obj", "npz", "abc", "onnx")  # as export.command
+FORMATS = ("usd", "glb", "pc2", "mdd", "obj", "npz", "abc", "onnx")  # as exporters.command
 
 
 def add(commands) -> None:

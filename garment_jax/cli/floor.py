@@ -40,9 +40,7 @@ def add(commands) -> None:
     parser.add_argument("--pattern", type=Path, help="flat pattern in metres, as the clip's own")
     parser.add_argument("--out", type=Path, help="also write one clip's second simulation, a sequence file")
     add_force(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="a list with the values per frame, as `benchmark` reads it"
-    )
+    parser.add_argument("--json", action="store_true", help="a list with the values per frame")
     parser.set_defaults(run=run)
 
 

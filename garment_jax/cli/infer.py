@@ -10,7 +10,7 @@ from garment_jax.api.opened import Wanted, infer_motion, open_model
 
 def add_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that `Wanted` holds."""
-    parser.add_argument("--no-column-rnn", action="store_true", help="move by latents alone, the paper's way")
+    parser.add_argument("--no-column-rnn", action="store_true", help="move by latents alone")
     parser.add_argument(
         "--no-swing", dest="no_column_rnn", action="store_true", help=argparse.SUPPRESS
     )  # its name before

@@ -29,7 +29,7 @@ def add(commands) -> None:
         default=[],
         help="sequence files or folders of them",
     )
-    parser.add_argument("--full", action="store_true", help="the long cases too (an hour)")
+    parser.add_argument("--full", action="store_true", help="the long cases too (20 minutes and more)")
     parser.add_argument("--only", nargs="+", default=[], metavar="GROUP", help="some groups of cases")
     parser.add_argument("--out", type=Path, help="folder for stability.json and plots")
     parser.set_defaults(run=run)
@@ -52,5 +52,7 @@ def run(options: argparse.Namespace) -> int:
         run_dir = [] if options.run_dir is None else [options.run_dir]
         garment = [] if options.garment is None else ["--garment", options.garment]
         clips = ["--clips", *options.clips] if options.clips else []
-        say_next("stability", *run_dir, *garment, *clips, "--full", why="the long cases too, an hour")
+        say_next(
+            "stability", *run_dir, *garment, *clips, "--full", why="the long cases too, 20 minutes and more"
+        )
     return 0 if passed(cases) else 1

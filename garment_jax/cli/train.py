@@ -31,7 +31,11 @@ def add(commands) -> None:
 
 def add_arguments(parser: Parser) -> None:
     """Add what the command and `train.py` take."""
-    parser.add_argument("config", metavar="CONFIG", help="a TOML file, or a name of the package: demo, skirt")
+    parser.add_argument(
+        "config",
+        metavar="CONFIG",
+        help="a TOML file, or a name of the package: demo, skirt, skirt_small, paper",
+    )
     parser.add_argument("--data", help="folder of imported clips (default: data.dir of the configuration)")
     parser.add_argument("--run-dir", "--out", help="folder for checkpoints and logs (default: runs/NAME)")
     parser.add_argument("--stage", default="all", help="all, generative, motion, detail or column_rnn")

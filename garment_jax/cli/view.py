@@ -26,7 +26,9 @@ def add(commands) -> None:
         "--truth", type=Path, help="which file errors are measured against (default: the last simulated one)"
     )
     parser.add_argument(
-        "--penetration", action="store_true", help="mark vertices inside the body or the cloth (slow)"
+        "--penetration",
+        action="store_true",
+        help="mark vertices inside the body and where cloth crosses itself (slow)",
     )
     parser.add_argument("--no-body", action="store_true", help="leave the body out")
     parser.add_argument("--start", type=int, default=0, help="first frame (default 0)")

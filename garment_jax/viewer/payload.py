@@ -1,6 +1,19 @@
 """Positions for the page: whole steps relative to the root, differences in space and time, deflated.
 
-The page undoes this in `script/decode.js`; `docs/viewer.md` describes the layout.
+The page undoes this in `script/decode.js`. Blocks are `<script type="text/plain">` elements: base64 text of a
+zlib stream of little-endian numbers. The JSON element `facts` names them. A block of positions holds 32
+frames, `[2, 3, frames, n]` bytes: low bytes before high ones, axes x, y, z. The n 16-bit numbers of a frame
+stand in the order of a depth-first walk over the mesh (`order`). A number u means u / 2 if it is even and
+-(u + 1) / 2 if it is odd. Then, wrapping at 16 bits,
+
+    change[0] = number[0]
+    change[1] = number[1] + change[0]
+    change[f] = number[f] + 2 change[f - 1] - change[f - 2]
+    steps[order[r]] = change[r] + steps[order[parent[r]]]        (parent -1: + 0)
+
+and `world = steps * step + root[frame]`, where `root` is the path from the place above the floor where the
+first frame stands. `inside` and `crossing` have a bit for each vertex, `ceil(n / 8)` bytes a frame, lowest
+bit first.
 """
 
 import base64
