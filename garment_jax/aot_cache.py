@@ -161,7 +161,7 @@ class ProgramStore:
             with suppress(OSError):  # a full disk: the next start reads it when it is asked for
                 with replaced(self._list) as (made,):
                     made.write_text("\n".join(self._listed), encoding="utf-8")
-                _only_newest(self._list.parent, "last-*.txt", _KEPT)
+                only_newest(self._list.parent, "last-*.txt", _KEPT)
 
 
 class Gate:
@@ -223,7 +223,7 @@ def warm_start() -> Here:
     if folder is not None and getattr(jax.config, setting) is None:  # the user's own choice stays
         # one for each version of the sources: what XLA's cache hands out could not be kept as a program
         jax.config.update(setting, str(folder / f"xla-{surroundings()[:12]}"))
-        _only_newest(folder, "xla-*", 2)
+        only_newest(folder, "xla-*", 2)
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         if importlib.util.find_spec("filelock"):  # without it JAX cannot throw old entries away
             jax.config.update("jax_compilation_cache_max_size", 200_000_000)  # bytes
@@ -251,7 +251,7 @@ def _used(entry: str) -> str:
     return entry.removesuffix("-cache") + "-atime"
 
 
-def _only_newest(folder: Path, pattern: str, kept: int) -> None:
+def only_newest(folder: Path, pattern: str, kept: int) -> None:
     """Remove all but the newest files or folders of a pattern: those of older versions, or long not used."""
     found = []
     for path in folder.glob(pattern):
@@ -351,4 +351,4 @@ def _write(path: Path, compiled: Any, shapes: Any) -> None:
     with suppress(Exception):  # a full disk, or a program that cannot be kept: the next start compiles again
         with replaced(path) as (made,):
             made.write_bytes(pickle.dumps((*serialize(compiled), shapes)))
-        _only_newest(path.parent, "*.program", _KEPT)
+        only_newest(path.parent, "*.program", _KEPT)

@@ -322,3 +322,19 @@ def test_a_part_that_is_none_and_workers_of_a_farm_are_refused(model: str, here:
     assert "leave it out with --farm" in both
     assert "--workers 0 is too small; give 1 or more." in refused([model, "--workers", "0"], capsys)
     assert names(here) == []
+
+
+@pytest.mark.parametrize("fault", [RuntimeError("out of memory on the device"), TypeError("float64 here")])
+def test_a_fault_of_ours_is_not_called_damage_of_the_users_file(
+    model: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, fault: Exception
+):
+    def broken(*_, **__):
+        raise fault
+
+    monkeypatch.setattr("garment_jax.api.animating.infer_motion", broken)
+    write_bvh(here / "walk.bvh", SCENE.body, SAMPLE.motion)
+    assert main(["animate", model, "walk.bvh", "--out", "a.npz"]) == 70
+    told = capsys.readouterr().err
+    assert "this is a fault of garment-jax itself" in told
+    assert "damaged" not in told
+    assert names(here) == ["walk.bvh"]

@@ -17,6 +17,7 @@ from garment_jax.aot_cache import (
     ProgramStore,
     _mend,
     cache_folder,
+    only_newest,
     shapes_of,
     usable,
 )
@@ -223,3 +224,16 @@ def test_entries_cut_short_are_removed_before_jax_meets_them(tmp_path: Path, mon
     _mend(tmp_path)
     assert {path.name for path in xla.iterdir()} == {"whole-cache", "whole-atime", "young-cache"}
     assert [path.name for path in kept.iterdir()] == ["a.program"]
+
+
+def test_only_the_newest_stay_though_another_process_removes_some_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for age in range(4):
+        path = tmp_path / f"times-{age}.json"
+        path.write_text("{}")
+        os.utime(path, (1000 - age, 1000 - age))
+    found = sorted(tmp_path.glob("*.json"))
+    monkeypatch.setattr(Path, "glob", lambda *_: iter([tmp_path / "times-gone.json", *found]))
+    only_newest(tmp_path, "times-*.json", 2)
+    assert sorted(os.listdir(tmp_path)) == ["times-0.json", "times-1.json"]

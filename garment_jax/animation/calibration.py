@@ -16,7 +16,7 @@ import numpy as np
 
 from garment_jax.animation.animate import make_animator
 from garment_jax.animation.variants import Variant, apply_variant, variants_of
-from garment_jax.aot_cache import ProgramStore, surroundings, usable
+from garment_jax.aot_cache import ProgramStore, only_newest, surroundings, usable
 from garment_jax.model.store import Model
 from garment_jax.progress import FrameProgress
 from garment_jax.storage.whole import write_text
@@ -24,6 +24,7 @@ from garment_jax.structs import Motion, Scene
 
 FRAMES = 32  # a chunk of the measured rollouts
 CHUNKS = 12
+KEPT = 64  # tables of times: of models, scenes and versions
 AHEAD = 2  # chunks that the networks are ahead of what is handed out (`prefetch.py`)
 # While the first chunk's collisions compile the next ones are made ahead, and at the end nothing is left to
 # make: both would show the last stage alone.
@@ -102,3 +103,4 @@ def _write(path: Path | None, known: dict[str, float]) -> None:
         return
     with suppress(OSError):  # a full disk: measured again next time
         write_text(path, json.dumps(known, indent=1) + "\n")
+        only_newest(path.parent, "times-*.json", KEPT)

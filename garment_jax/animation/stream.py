@@ -33,7 +33,7 @@ class Chunk(NamedTuple):
 
 
 class _Shaped(NamedTuple):
-    """A chunk between the two halves of `postprocess.pipeline.step`."""
+    """A chunk between `shape_step` and `contact_step` of `postprocess.pipeline`."""
 
     frames: slice  # real ones, without padding
     posed: CarriedPoses  # of these

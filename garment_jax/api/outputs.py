@@ -1,12 +1,12 @@
 """What an animation is written as, by the name of the output: which file, and whether it may be written."""
 
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from garment_jax.exporters.cache_files import cache_files
 from garment_jax.storage.overwriting import check_free
+from garment_jax.storage.scratch import scratch
 
 ENDINGS = {  # of each format; the first is what a name gets that is made here
     "html": (".html", ".htm"),
@@ -111,7 +111,8 @@ def move_into_place(made: Sequence[Path], folder: Path, *, force: bool) -> list[
     for target in targets:
         check_free(target, force, frames=True)
     for path, target in zip(made, targets, strict=True):
-        if target.is_dir():
-            shutil.rmtree(target)
-        path.replace(target)
+        with scratch(folder) as aside:
+            if target.is_dir():
+                target.rename(aside / ".replaced")  # no folder takes the place of one that holds something
+            path.replace(target)
     return targets

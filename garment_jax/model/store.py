@@ -215,12 +215,22 @@ def _stored(name: str, x: Any, bits: int, source: str) -> np.ndarray:
     return stored
 
 
+def check_single_precision() -> None:
+    """Raise `ValueError` where JAX is told to compute in 64 bits: models are of 32."""
+    if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError(
+            "jax_enable_x64 is on, and models compute in 32 bits; switch it off (unset JAX_ENABLE_X64, or "
+            'jax.config.update("jax_enable_x64", False)).'
+        )
+
+
 def load_model(folder: str | Path, *, leave_out: Sequence[str] = ()) -> Model:
     """Read a model that `save_model` wrote, parameters as float32.
 
     Parameters whose name begins with one of `leave_out` ("detail", "generative/E_gen") are not read. Raises
     `FileNotFoundError` or `ValueError` in one sentence for a folder that holds none or a part.
     """
+    check_single_precision()
     config, facts = _described(Path(folder))
     skipped = tuple(f"{name}/" for name in leave_out)
     with _damaged(folder):

@@ -35,7 +35,7 @@ from garment_jax.postprocess.rest import (
     init_rest,
     next_rest,
 )
-from garment_jax.postprocess.tables import ContactTables, ShapeTables, Tables
+from garment_jax.postprocess.tables import ContactTables, ShapeTables
 from garment_jax.postprocess.untangling import UntangleState, faded, grown, init_untangle, untangle
 
 ROUNDS = 4  # of undoing self-crossings and pushing out of the body, in a frame
@@ -65,30 +65,6 @@ class ContactState(NamedTuple):
     rest: RestState
     crossings: CrossingState | None
     untangle: UntangleState | None
-
-
-class State(NamedTuple):
-    """What a frame hands to the next."""
-
-    shape: ShapeState
-    contacts: ContactState | None
-
-
-def init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: Tables) -> State:
-    """Return the state before the first frame, whose garment and body these are."""
-    contacts = None if tables.contacts is None else contact_init(V, frame, tables=tables.contacts)
-    return State(shape_init(V, frame, tables=tables.shape), contacts)
-
-
-def step(
-    state: State, V: Float[Array, "n 3"], frame: BodyFrame, *, tables: Tables
-) -> tuple[State, Float[Array, "n 3"], FrameFigures | None]:
-    """Return the next state, the networks' frame `V` post-processed, and what collision handling did."""
-    shape, V, _ = shape_step(state.shape, V, frame, tables=tables.shape)
-    if tables.contacts is None or state.contacts is None:
-        return State(shape, None), V, None
-    contacts, V, figures = contact_step(state.contacts, V, frame, tables=tables.contacts)
-    return State(shape, contacts), V, figures
 
 
 def shape_init(V: Float[Array, "n 3"], frame: BodyFrame, *, tables: ShapeTables) -> ShapeState:

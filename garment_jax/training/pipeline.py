@@ -10,7 +10,7 @@ from garment_jax.config import Config, current, current_names, to_dict, to_toml
 from garment_jax.dataset.lanes import check_window
 from garment_jax.dataset.prepared import DataSet
 from garment_jax.model.scene_file import read_own_garment
-from garment_jax.model.store import Model, from_metadata, load_model
+from garment_jax.model.store import Model, check_single_precision, from_metadata, load_model
 from garment_jax.training.devices import ONE, Devices
 from garment_jax.training.pretrained import pretrained_model
 from garment_jax.training.run_directory import CHECKPOINTS, CONFIG_NAME, STAGES, run_config, run_lock
@@ -48,6 +48,7 @@ def train(
     from garment_jax.training.motion_stage import train_motion
     from garment_jax.training.run import open_run, say
 
+    check_single_precision()
     stage = current(stage)
     devices.check_same("this process' configuration or --stage", [to_toml(config), stage])
     if stage not in ("all", *STAGES):
@@ -144,6 +145,7 @@ def trained_model(path: str | Path) -> Model:
     path = Path(path)
     if not (path / CHECKPOINTS).is_dir():
         return load_model(path)
+    check_single_precision()
     from garment_jax.training.checkpoint import Checkpointer
 
     found: dict[str, Any] = {}

@@ -279,3 +279,12 @@ def test_sizes_are_bounded_where_facts_and_configuration_agree(tmp_path: Path):
     save_model(tiny_model()._replace(config=absurd), tmp_path)
     with pytest.raises(ValueError, match=r"config\.toml has uv\.size = 1048576, above 8192\); copy or save"):
         load_model(tmp_path)
+
+
+def test_a_jax_told_to_compute_in_64_bits_is_refused(tmp_path: Path):
+    save_model(tiny_model(), tmp_path / "tiny")
+    with (
+        jax.enable_x64(True),
+        pytest.raises(ValueError, match=r"^jax_enable_x64 is on, .* switch it off \(unset JAX_ENABLE_X64"),
+    ):
+        load_model(tmp_path / "tiny")

@@ -6,19 +6,14 @@ from operator import itemgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from garment_jax.animation.chunks import scan_frames
 from garment_jax.dataset.lanes import repeated_last
 from garment_jax.evaluation.self_intersections import self_intersections
-from garment_jax.geometry.laplacian import uniform_table
-from garment_jax.postprocess import pipeline
 from garment_jax.postprocess.collision import CollisionOptions, Outcome, initial_state, resolve_collisions
 from garment_jax.postprocess.figures import FrameFigures, join_figures, per_frame_columns
 from garment_jax.postprocess.pipeline import contact_init, contact_step
-from garment_jax.postprocess.tables import Tables, make_shape_tables
 from garment_jax.postprocess.untangling import make_untangle_tables
-from garment_jax.structs import Garment
 from tests.postprocess.collision.cloth import sheet, tables
 from tests.postprocess.frames import body_frames, contact_tables
 
@@ -116,31 +111,6 @@ def test_a_nan_in_one_frame_does_not_reach_the_next_ones_pop():
     assert np.isfinite(figures.pop).all()
 
 
-def test_a_frame_is_brought_to_its_pins_and_lengths_before_its_contacts(monkeypatch: pytest.MonkeyPatch):
-    T, faces = sheet()
-    garment = Garment(T, faces, np.zeros((len(T), 2), np.float32), faces)
-    shape = make_shape_tables(garment, uniform_table(faces, len(T)), PINS)
-    contacts = contact_tables(PINS, OPTIONS)
-    frame = jax.tree.map(itemgetter(0), body_frames(T[None, PINS] + 0.01, tables()[1][None]))
-    V = jnp.asarray(T * np.array([1.0, 1.0, 0.9], np.float32))
-
-    told = FrameFigures(*[jnp.int32(7)] * len(FrameFigures._fields))
-
-    def lifted(state, V, frame, *, tables):
-        assert tables is contacts
-        return state, V + 1.0, told
-
-    monkeypatch.setattr(pipeline, "contact_step", lifted)
-    state = pipeline.init(V, frame, tables=Tables(shape, contacts))
-    after, out, figures = pipeline.step(state, V, frame, tables=Tables(shape, contacts))
-    shaped_state, shaped, _ = pipeline.shape_step(state.shape, V, frame, tables=shape)
-    np.testing.assert_array_equal(out, shaped + 1.0)
-    np.testing.assert_array_equal(shaped[PINS], frame.pins)
-    assert np.abs(shaped - V).max() > 1e-3
-    assert figures is told
-    jax.tree.map(np.testing.assert_array_equal, after, pipeline.State(shaped_state, state.contacts))
-
-
 def test_cloth_within_the_body_and_within_itself_leaves_both():
     T, faces = sheet(0.5)
     body = tables()[1]
@@ -159,14 +129,3 @@ def test_cloth_within_the_body_and_within_itself_leaves_both():
     assert after.untangle is not None
     assert after.untangle.weight.any()
     np.testing.assert_array_equal(V[PINS], T[PINS])
-
-
-def test_without_a_collider_contacts_are_left_out():
-    T, faces = sheet()
-    garment = Garment(T, faces, np.zeros((len(T), 2), np.float32), faces)
-    made = Tables(make_shape_tables(garment, uniform_table(faces, len(T)), PINS, lengths=False), None)
-    frame = jax.tree.map(itemgetter(0), body_frames(T[None, PINS], np.zeros((1, 0, 3), np.float32)))
-    state = pipeline.init(jnp.asarray(T), frame, tables=made)
-    after, V, figures = pipeline.step(state, jnp.asarray(T), frame, tables=made)
-    assert (after.contacts, figures) == (None, None)
-    np.testing.assert_array_equal(V, T)

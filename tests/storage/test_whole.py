@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from garment_jax.storage.whole import written_whole
+from garment_jax.storage.whole import link_or_copy, written_whole
 
 
 def test_files_take_their_names_together_at_the_end(tmp_path: Path):
@@ -101,3 +101,19 @@ def test_files_are_moved_into_place_in_one_room() -> None:
         if "os.replace(" in path.read_text(encoding="utf-8")
     }
     assert movers == own_order | {"storage/whole.py"}
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_gets_another_name_or_a_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, links: bool
+) -> None:
+    (tmp_path / "a").write_text("whole")
+    if not links:
+
+        def refused(*_: object) -> None:
+            raise PermissionError(errno.EPERM, "no hard links here")
+
+        monkeypatch.setattr("os.link", refused)
+    link_or_copy(tmp_path / "a", tmp_path / "b")
+    assert (tmp_path / "b").read_text() == "whole"
+    assert ((tmp_path / "a").stat().st_ino == (tmp_path / "b").stat().st_ino) == links

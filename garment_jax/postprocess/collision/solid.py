@@ -8,10 +8,8 @@ import numpy as np
 from garment_jax.geometry.boundary import boundary_edges
 from garment_jax.io.npz import load_body
 from garment_jax.io.sequence import Sequence, open_sequence
-from garment_jax.io.validation import check_input
+from garment_jax.io.validation import FPS_TOLERANCE, check_input
 from garment_jax.structs import Collider, Motion, RiggedBody, Scene
-
-FPS_TOLERANCE = 0.01  # relative
 
 
 class Solid(NamedTuple):

@@ -53,8 +53,8 @@ def resolve_collisions(
     the body or not. The descent begins from the last frame's correction. Failures are reported in the
     result (`outcome`, `MESSAGES`), never raised.
 
-    Pure; works under `jit` and `vmap`, in the widest floating-point type of what is given. No gradient,
-    for the iteration is a `while_loop`: `penetration` is the form to differentiate, in a training loss.
+    Pure; works under `jit` and `vmap`, in 32 bits. No gradient, for the iteration is a `while_loop`:
+    `penetration` is the form to differentiate, in a training loss.
     Raises `ValueError` unless `pins` and `pin_positions` come together and are as many.
     """
     check_pins(pins, pin_positions)
