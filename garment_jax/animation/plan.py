@@ -2,7 +2,7 @@
 
 Not in the paper. Two kinds of omissions: those that change nothing (a part that is not trained, a collider
 that the cloth cannot reach, parameters that no stage reads), and those that the user allows, whose error
-`garment-jax variants` has measured (`variants.py`). Parts that are off are neither imported, read nor
+`garment-jax variants` has measured (`stored.py`). Parts that are off are neither imported, read nor
 compiled.
 """
 
@@ -81,8 +81,7 @@ def _column_rnn(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
         return False, "not wanted: latents alone move the cloth"
     wants = model.config.rollout
     drawn = "" if wants.amplitude == 1.0 else f", drawn out by {wants.amplitude:g}"
-    image = " and its mirror image" if wants.mirrored and model.config.data.mirror else ""
-    return True, f"wanted: {wants.column_rnn:.0%} of the way from the latents to it{image}{drawn}"
+    return True, f"wanted: {wants.column_rnn:.0%} of the way from the latents to it{drawn}"
 
 
 def _unread(model: ModelFacts, has_column_rnn: bool, fine: bool) -> tuple[str, ...]:

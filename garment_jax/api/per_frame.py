@@ -128,7 +128,7 @@ def _begun(model: LoadedModel, skeleton: _Skeleton) -> tuple[MotionCarry, Column
         V = first_frame(model.scene, model.seeds, template.T, W, skeleton[0])
     columns = None
     if template.ring is not None:
-        columns = begun(model.scene, template.ring, config, skeleton[0])
+        columns = begun(model.scene, template.ring, config.column_rnn, skeleton[0])
     return init_state(model.params, V, template=template, config=config).motion, columns
 
 

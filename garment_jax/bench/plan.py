@@ -193,8 +193,7 @@ class Plan:
         drawn = [how.amplitude] if how.amplitude != 1.0 else []  # came later, too
         farthest = how.max_correction  # and so did this, by its former name
         reach = [{"reach": farthest}] if farthest != 1.0 else []
-        image = ["mirrored"] if how.mirrored and config.data.mirror else []  # and the mirror image
-        column_rnn = [how.column_rnn, *drawn, *reach, *image] if config.column_rnn.steps else []
+        column_rnn = [how.column_rnn, *drawn, *reach] if config.column_rnn.steps else []
         return [row.task, row.detail, row.precision, collision, *lengths, *column_rnn]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:

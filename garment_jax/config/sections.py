@@ -252,7 +252,6 @@ class RolloutConfig:
         later=True,
         was="reach",
     )
-    mirrored: bool = key(True, "average the column RNN with its mirror image, where data.mirror", later=True)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from garment_jax.config import Config
+from garment_jax.config import ColumnRnnConfig, Config
 from garment_jax.dataset.template import ColumnTables
 from garment_jax.exporters.host_functions import angle, heading, pose_carried, yaw_matrix
 from garment_jax.geometry.stencil import dense_matrix
-from garment_jax.model.column_rnn.mirror import frame_with_image, is_mirrored, own
 from garment_jax.model.column_rnn.motion import (
     CHANGED,
     FASTEST,
@@ -28,8 +27,7 @@ from garment_jax.model.column_rnn.motion import (
     USUAL_RADIUS,
     ColumnFrame,
 )
-from garment_jax.model.column_rnn.network import cells_moved, column_step, seen_gates
-from garment_jax.model.column_rnn.rollout import begun as ring_begun
+from garment_jax.model.column_rnn.network import at_rest, cells_moved, column_step, seen_gates
 from garment_jax.model.column_rnn.tables import LEVELS
 from garment_jax.structs import ColumnCarry, Scene
 
@@ -46,11 +44,12 @@ class ColumnState(NamedTuple):
     age: jax.Array  # [1] frames since the start
 
 
-def begun(scene: Scene, ring: ColumnTables, config: Config, rotations: Float[Array, "j 3 3"]) -> ColumnState:
+def begun(
+    scene: Scene, ring: ColumnTables, config: ColumnRnnConfig, rotations: Float[Array, "j 3 3"]
+) -> ColumnState:
     """Return the state before the first frame, which shows the skeleton `rotations`."""
     anchor, radius = _around(scene, ring, rotations)
-    carry = ring_begun(ring, (), config)
-    return ColumnState(carry, anchor, jnp.zeros_like(anchor), radius, jnp.zeros(1))
+    return ColumnState(at_rest(ring, (), config=config), anchor, jnp.zeros_like(anchor), radius, jnp.zeros(1))
 
 
 def flat(state: ColumnState) -> Float[Array, " s"]:
@@ -58,23 +57,24 @@ def flat(state: ColumnState) -> Float[Array, " s"]:
     return jnp.concatenate([leaf.reshape(-1) for leaf in jax.tree.leaves(state)])
 
 
-def unflat(vector: Float[Array, " s"], ring: ColumnTables, config: Config) -> ColumnState:
+def unflat(vector: Float[Array, " s"], ring: ColumnTables, config: ColumnRnnConfig) -> ColumnState:
     """Return the state that `flat` made one vector."""
-    shapes = _shapes(ring, config)
-    ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
-    parts = [piece.reshape(shape) for piece, shape in zip(jnp.split(vector, ends[:-1]), shapes, strict=True)]
+    a, h = ring.filled.shape
+    cells = (a, h, 3)
+    shapes = (cells, cells, (a, config.hidden), (a, 3), (a, 3), (a, LEVELS), (1,))
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    ends = np.cumsum(sizes)
+    parts = [
+        vector[end - size : end].reshape(shape)
+        for end, size, shape in zip(ends.tolist(), sizes, shapes, strict=True)
+    ]
     return ColumnState(ColumnCarry(*parts[:3]), *parts[3:])
 
 
-def length(ring: ColumnTables, config: Config) -> int:
+def length(ring: ColumnTables, config: ColumnRnnConfig) -> int:
     """Return how many numbers `flat` gives."""
-    return sum(int(np.prod(shape)) for shape in _shapes(ring, config))
-
-
-def _shapes(ring: ColumnTables, config: Config) -> list[tuple[int, ...]]:
-    a = len(ring.frames)
-    carry = jax.eval_shape(lambda: ring_begun(ring, (), config))
-    return [*(leaf.shape for leaf in carry), (a, 3), (a, 3), (a, LEVELS), (1,)]
+    a, h = ring.filled.shape
+    return a * (6 * h + config.hidden + 6 + LEVELS) + 1
 
 
 def corrected(
@@ -91,15 +91,11 @@ def corrected(
 ) -> tuple[Float[Array, "n 3"], ColumnState]:
     """Return the latents' frame `V` (metres, root frame) as the ring corrects it, and the next state."""
     frame, state = column_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
-    mirrored = is_mirrored(config)
-    looked = frame_with_image(frame, ring) if mirrored else frame
-    gates = seen_gates(params, jnp.asarray(looked.seen), config=config.column_rnn)
-    carry = column_step(
-        params, state.carry, looked, gates, tables=ring, config=config.column_rnn, mirrored=mirrored
-    )
+    gates = seen_gates(params, jnp.asarray(frame.seen), config=config.column_rnn)
+    carry = column_step(params, state.carry, frame, gates, tables=ring, config=config.column_rnn)
     how = config.rollout
     drawn = {"weight": how.column_rnn, "amplitude": how.amplitude, "max_correction": how.max_correction}
-    moved = cells_moved(V, own(carry.X, mirrored), jnp.asarray(frame.anchor), tables=ring, **drawn)
+    moved = cells_moved(V, carry.X, jnp.asarray(frame.anchor), tables=ring, **drawn)
     # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
     spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
     return V + spread.T, state._replace(carry=carry)

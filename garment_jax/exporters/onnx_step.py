@@ -147,7 +147,7 @@ def _start_graph(subject: StepSubject, opset: int) -> Any:
         # a template carried by the joints is unposed the template
         unposed = subject.template.W is not None
         V = jnp.asarray(T) if unposed else first_frame(subject.scene, subject.seeds, T, W, rotations)
-        column_rnn = () if ring is None else (flat(begun(subject.scene, ring, config, rotations)),)
+        column_rnn = () if ring is None else (flat(begun(subject.scene, ring, config.column_rnn, rotations)),)
         return jnp.zeros(config.motion.gru), V, *column_rnn
 
     outputs = [("h", "zeros"), ("V_prev", "the template carried by the body, metres, root frame")]
@@ -176,7 +176,7 @@ def _frame_graph(subject: StepSubject, opset: int) -> Any:
 def _column_rnn_graph(subject: StepSubject, opset: int) -> Any:
     ring = subject.template.ring
     assert ring is not None
-    n, size = len(subject.template.T), length(ring, subject.model.config)
+    n, size = len(subject.template.T), length(ring, subject.model.config.column_rnn)
     inputs = [
         Port("V", (n, 3), "of the step, metres, root frame"),
         Port("column_rnn", (size,), "state of the column RNN, of the last frame"),

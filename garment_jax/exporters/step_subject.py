@@ -75,7 +75,7 @@ def column_rnn_function(subject: StepSubject) -> Callable[..., tuple]:
     assert ring is not None
 
     def run(V: jax.Array, column_rnn: jax.Array, *skeletons: jax.Array):
-        state = unflat(column_rnn, ring, model.config)
+        state = unflat(column_rnn, ring, model.config.column_rnn)
         V, state = corrected(
             model.params["column_rnn"], subject.scene, ring, model.config, V, state, *skeletons
         )

@@ -34,9 +34,9 @@ def init_state(
     motion = MotionCarry(jnp.zeros((*lanes, config.motion.gru), V_start.dtype), V_start)
     if template.ring is None or "column_rnn" not in params:
         return RolloutState(motion)
-    from garment_jax.model.column_rnn.rollout import begun  # a part that is off is not even imported
+    from garment_jax.model.column_rnn.network import at_rest  # a part that is off is not even imported
 
-    return RolloutState(motion, begun(template.ring, lanes, config))
+    return RolloutState(motion, at_rest(template.ring, lanes, config=config.column_rnn))
 
 
 def motion_step(

@@ -19,7 +19,6 @@ from garment_jax.animation.variants import VARIANTS, apply_variant, variants_of
 from garment_jax.aot_cache import ProgramStore
 from garment_jax.model.column_rnn.motion import column_frames
 from garment_jax.model.column_rnn.network import at_rest, cells_of
-from garment_jax.model.column_rnn.rollout import begun as ring_begun
 from garment_jax.model.column_rnn.rollout import column_frames_of, make_column_rollout, roll_clip, seen_in
 from garment_jax.model.compose import RolloutState, init_state, step
 from garment_jax.model.scan import make_rollout
@@ -45,17 +44,11 @@ def rolled(chunk: int, t: int = 23) -> np.ndarray:
     return roll_clip(roll, params(), at_rest(tables(), (), config=COLUMNS), seen, chunk=chunk)
 
 
-def test_an_unsymmetric_garments_ring_has_no_mirror_image():
-    alone, model = animated(with_rollout(mirrored=False)), column_rnn_model()
-    lopsided = replace(model.config, data=replace(model.config.data, mirror=False))
-    np.testing.assert_array_equal(animated(model._replace(config=lopsided)), alone)
-
-
 def corrected(weight: float, chunk: int = 8, t: int = 20) -> np.ndarray:
     """Return the template as the column RNN corrects it in every frame, root frames."""
-    model = with_rollout(column_rnn=weight, mirrored=False)
+    model = with_rollout(column_rnn=weight)
     tables_ = template()._replace(ring=tables())
-    carry, made = ring_begun(tables(), (), model.config), []
+    carry, made = at_rest(tables(), (), config=COLUMNS), []
     correct = jax.jit(partial(column_frames_of, template=tables_, config=model.config))
     x = FrameInput(None, None, None)
     for k in range(0, t, chunk):
@@ -156,7 +149,6 @@ def test_the_animator_corrects_unless_the_column_rnn_is_taken_away():
             tiny_model(),
         )
     )
-    assert np.abs(animated(with_rollout(mirrored=False)) - V).max() > 0.001
     drawn = animated(with_rollout(amplitude=1.2))
     assert np.abs(drawn - V).max() > 0.001
     held = animated(with_rollout(max_correction=1e-6))  # so little that only the latents are left
@@ -172,14 +164,9 @@ def test_the_plan_says_whether_it_runs():
     assert on.column_rnn
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
-    assert on.why["column_rnn"] == "wanted: 60% of the way from the latents to it and its mirror image"
-    alone = make_plan(facts_of(with_rollout(mirrored=False)), SCENE, motion(5))
-    assert alone.why["column_rnn"] == "wanted: 60% of the way from the latents to it"
+    assert on.why["column_rnn"] == "wanted: 60% of the way from the latents to it"
     drawn = make_plan(facts_of(with_rollout(amplitude=1.06)), SCENE, motion(5))
-    assert (
-        drawn.why["column_rnn"]
-        == "wanted: 60% of the way from the latents to it and its mirror image, drawn out by 1.06"
-    )
+    assert drawn.why["column_rnn"] == "wanted: 60% of the way from the latents to it, drawn out by 1.06"
     off = make_plan(facts_of(column_rnn_model()), SCENE, motion(5), column_rnn=False)
     assert not off.column_rnn
     assert off.leave_out == ("generative/E_gen", "column_rnn")

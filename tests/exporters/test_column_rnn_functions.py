@@ -21,8 +21,6 @@ from tests.animation.tiny_model import SCENE, seeds, template
 from tests.reference.scene import make_motion
 from tests.reference.tiny_column_rnn import COLUMNS, column_rnn_model, tables
 
-CONFIG = column_rnn_model().config
-
 
 def turned(degrees: float, t: int = 14) -> Motion:
     motion = make_motion(SCENE, t, legs=1.9)
@@ -39,7 +37,7 @@ def skeletons(motion: Motion, t: int) -> tuple[np.ndarray, ...]:
 def test_a_frame_is_that_of_the_whole_motion(degrees: float):
     motion = turned(degrees)
     expected = column_frames(motion, SCENE, tables())
-    state = begun(SCENE, tables(), CONFIG, jnp.asarray(skeletons(motion, 0)[0]))
+    state = begun(SCENE, tables(), COLUMNS, jnp.asarray(skeletons(motion, 0)[0]))
     look = jax.jit(partial(column_input, SCENE, tables()))
     assert expected.seen.shape[-1] == FEATURES
     for t in range(14):
@@ -50,10 +48,10 @@ def test_a_frame_is_that_of_the_whole_motion(degrees: float):
     assert np.abs(expected.turn).max() > 1e-3
 
 
-@pytest.mark.parametrize("drawn", [(1.0, 1.0, True), (1.2, 0.05, False)])
-def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float, bool]):
+@pytest.mark.parametrize("drawn", [(1.0, 1.0), (1.2, 0.05)])
+def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
     model, motion = column_rnn_model(), turned(50.0)
-    how = replace(model.config.rollout, amplitude=drawn[0], max_correction=drawn[1], mirrored=drawn[2])
+    how = replace(model.config.rollout, amplitude=drawn[0], max_correction=drawn[1])
     model = model._replace(config=replace(model.config, rollout=how))
     tables_ = template(model)
     inputs = model_input(model, SCENE, tables_, seeds(), motion)
@@ -63,7 +61,7 @@ def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float, bool
     latents = run(model.params, RolloutState(state.motion), inputs.x)[1]
     expected = run(model.params, state, inputs.x)[1]
     one = jax.jit(partial(corrected, model.params["column_rnn"], SCENE, tables(), model.config))
-    state = begun(SCENE, tables(), model.config, jnp.asarray(skeletons(motion, 0)[0]))
+    state = begun(SCENE, tables(), COLUMNS, jnp.asarray(skeletons(motion, 0)[0]))
     for t in range(14):
         V, state = one(latents[t], state, *skeletons(motion, t))
         np.testing.assert_allclose(V, expected[t], atol=1e-4)
@@ -72,11 +70,11 @@ def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float, bool
 
 def test_a_state_comes_back_from_its_vector():
     R = jnp.asarray(skeletons(turned(10.0), 3)[0])
-    state = begun(SCENE, tables(), CONFIG, R)._replace(age=jnp.full(1, 7.0))
+    state = begun(SCENE, tables(), COLUMNS, R)._replace(age=jnp.full(1, 7.0))
     vector = flat(state)
-    assert vector.shape == (length(tables(), CONFIG),)
+    assert vector.shape == (length(tables(), COLUMNS),)
     for made, leaf in zip(
-        jax.tree.leaves(unflat(vector, tables(), CONFIG)), jax.tree.leaves(state), strict=True
+        jax.tree.leaves(unflat(vector, tables(), COLUMNS)), jax.tree.leaves(state), strict=True
     ):
         np.testing.assert_array_equal(made, leaf)
 
@@ -85,7 +83,7 @@ def test_a_scene_without_a_collider_sees_no_body():
     scene = SCENE._replace(collider=None)
     ring = make_column_tables(scene, config=COLUMNS)
     expected = column_frames(turned(20.0), scene, ring)
-    state = begun(scene, ring, CONFIG, jnp.asarray(skeletons(turned(20.0), 0)[0]))
+    state = begun(scene, ring, COLUMNS, jnp.asarray(skeletons(turned(20.0), 0)[0]))
     frame, _ = jax.jit(partial(column_input, scene, ring))(state, *skeletons(turned(20.0), 0))
     np.testing.assert_allclose(frame.seen, expected.seen[0], atol=2e-4)
 

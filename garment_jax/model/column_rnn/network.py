@@ -13,7 +13,6 @@ from jaxtyping import Array, Float
 from garment_jax.config import ColumnRnnConfig
 from garment_jax.dataset.template import ColumnTables
 from garment_jax.geometry.stencil import apply_stencil
-from garment_jax.model.column_rnn.mirror import agreed
 from garment_jax.model.column_rnn.motion import FEATURES, LARGEST, MOVED
 from garment_jax.model.generative.blocks import along_channels
 from garment_jax.model.motion.network import gru_step
@@ -72,12 +71,10 @@ def column_step(
     tables: ColumnTables,
     config: ColumnRnnConfig,
     kept: Float[Array, "*b 1 w"] | None = None,
-    mirrored: bool = False,
 ) -> ColumnCarry:
     """Return the carry after this frame, bounded whatever comes in; `gates`: `seen_gates` of `frame.seen`.
 
-    `kept` is multiplied with the first layer (dropout while training). `mirrored`: the last leading axis is a
-    ring and its mirror image (`mirror.frame_with_image`), which go on from the mean of both.
+    `kept` is multiplied with the first layer (dropout while training).
     """
     turn = jnp.asarray(frame.turn)
     hung = turned(carry.X, turn) - frame.way[..., None, :]
@@ -102,8 +99,6 @@ def column_step(
     for i in range(config.layers):
         y = y + _convolved(params[f"after_{i}"], y, config.around)
     X = _dense(params["out"], y).reshape(hung.shape) * scale + typical
-    if mirrored:
-        X = agreed(X)
     return ColumnCarry(X, X - hung, h)
 
 
@@ -115,17 +110,14 @@ def roll_columns(
     tables: ColumnTables,
     config: ColumnRnnConfig,
     kept: Float[Array, "*b 1 w"] | None = None,
-    mirrored: bool = False,
 ) -> tuple[ColumnCarry, Float[Array, "t *b a h 3"]]:
     """Return the carry after the frames (leaves `[t, *b, ...]`) and all cells, metres from their anchors.
 
-    `kept`, `mirrored`: as of `column_step`, the same for all frames.
+    `kept`: as of `column_step`, the same for all frames.
     """
 
     def frame(carry: ColumnCarry, inputs: tuple[ColumnFrame, jax.Array]):
-        carry = column_step(
-            params, carry, *inputs, tables=tables, config=config, kept=kept, mirrored=mirrored
-        )
+        carry = column_step(params, carry, *inputs, tables=tables, config=config, kept=kept)
         return carry, carry.X
 
     gates = seen_gates(params, jnp.asarray(frames.seen), config=config)

@@ -12,9 +12,8 @@ from jaxtyping import Array, Float
 from garment_jax.config import ColumnRnnConfig, Config
 from garment_jax.dataset.lanes import repeated_last
 from garment_jax.dataset.template import ColumnTables, Template
-from garment_jax.model.column_rnn.mirror import frame_with_image, is_mirrored, own, with_image
 from garment_jax.model.column_rnn.motion import FEATURES, column_frames
-from garment_jax.model.column_rnn.network import at_rest, column_step, corrected, roll_columns, seen_gates
+from garment_jax.model.column_rnn.network import column_step, corrected, roll_columns, seen_gates
 from garment_jax.structs import ColumnCarry, ColumnFrame, FrameInput, Motion, Scene
 
 
@@ -32,13 +31,12 @@ def column_frame(
     Nothing of the latents goes into the ring, so their errors do not add up. Raises `ValueError` for a frame
     that holds nothing for it.
     """
-    frame, ring, mirrored = _seen(x), _ring(template), is_mirrored(config)
-    looked = frame_with_image(frame, ring) if mirrored else frame
-    gates = seen_gates(params["column_rnn"], jnp.asarray(looked.seen), config=config.column_rnn)
+    frame = _seen(x)
+    gates = seen_gates(params["column_rnn"], jnp.asarray(frame.seen), config=config.column_rnn)
     carry = column_step(
-        params["column_rnn"], carry, looked, gates, tables=ring, config=config.column_rnn, mirrored=mirrored
+        params["column_rnn"], carry, frame, gates, tables=_ring(template), config=config.column_rnn
     )
-    return carry, _drawn(V, own(carry.X, mirrored), frame, template, config)
+    return carry, _drawn(V, carry.X, frame, template, config)
 
 
 def column_frames_of(
@@ -51,26 +49,16 @@ def column_frames_of(
     config: Config,
 ) -> tuple[ColumnCarry, Float[Array, "t *b n 3"]]:
     """Return `column_frame` of all frames: the ring's state after them, and the corrected frames."""
-    frames, ring, mirrored = _seen(x), _ring(template), is_mirrored(config)
-    looked = frame_with_image(frames, ring) if mirrored else frames
+    frames = _seen(x)
     carry, X = roll_columns(
-        params["column_rnn"], carry, looked, tables=ring, config=config.column_rnn, mirrored=mirrored
+        params["column_rnn"], carry, frames, tables=_ring(template), config=config.column_rnn
     )
-    X = own(X, mirrored)
 
     def drawn(frame: tuple[jax.Array, jax.Array, ColumnFrame]) -> jax.Array:
         return _drawn(*frame, template, config)
 
     # all at once, the cells around each vertex of every motion side by side would fill the memory
     return carry, drawn((V, X, frames)) if V.ndim == 3 else jax.lax.map(drawn, (V, X, frames))
-
-
-def begun(ring: ColumnTables, lanes: tuple[int, ...], config: Config) -> ColumnCarry:
-    """Return the ring's state before the first frame, `lanes` times: the template hangs still."""
-    if not is_mirrored(config):
-        return at_rest(ring, lanes, config=config.column_rnn)
-    rest = at_rest(ring, (*lanes, 2), config=config.column_rnn)
-    return rest._replace(X=with_image(rest.X[..., 0, :, :, :]))
 
 
 def _drawn(V: jax.Array, X: jax.Array, frame: ColumnFrame, template: Template, config: Config) -> jax.Array:
