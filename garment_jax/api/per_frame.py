@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from garment_jax.api.arguments import a_flag, shown, takes
@@ -81,7 +82,8 @@ def init(model: LoadedModel, frame: Skeleton, *, collision: bool = True, postpro
 
     `frame`: rotations `[j, 3, 3]` of the joints from the canonical pose and the root's position `[3]`;
     metres, world, Y up. `collision` off leaves collisions unhandled, `postprocess` off all that comes after
-    the networks, which are differentiable; `step` and `rollout` follow the state.
+    the networks, which are differentiable; `step` and `rollout` follow the state. Raises `ValueError` for
+    what is no skeleton of the model's body, as these do: by its values where they are known, not traced.
 
         rotations, root, fps = model.motion
         state = gj.init(model, (rotations[0], root[0]))
@@ -140,8 +142,8 @@ def _rollout(model: LoadedModel, state: State, frames: _Skeleton) -> tuple[State
 def _arrays(model: LoadedModel, skeleton: Skeleton, *, one_frame: bool = True) -> _Skeleton:
     """Return arrays as float32; `ValueError` for wrong shapes, and for no pose where values are known."""
     name, joints = "the frame" if one_frame else "the motion", model.scene.body.joint_names
-    check_shapes(*(x.shape for x in skeleton), name, joints=joints, one_frame=one_frame)
-    if not any(isinstance(x, jax.core.Tracer) for x in skeleton):
+    check_shapes(skeleton[0].shape, skeleton[1].shape, name, joints=joints, one_frame=one_frame)
+    if not any(isinstance(x, Tracer) for x in skeleton):
         rotations, root = (np.asarray(x)[None] if one_frame else np.asarray(x) for x in skeleton)
         check_poses(Motion(rotations, root, model.fps), name, joints=joints)
     rotations, root = skeleton
