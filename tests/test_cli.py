@@ -254,3 +254,16 @@ def test_figures_are_saved_whoever_stops_reading(tmp_path: Path, monkeypatch) ->
     with pytest.raises(BrokenPipeError):
         options.run(options)
     assert json.loads(out.read_text())["metrics"]["rmse_cm"] == 0
+
+
+def test_a_tilde_is_the_home_folder_wherever_a_shell_left_it(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path))
+    write_clip(tmp_path / "a.h5", 3)
+    assert main(["export", "~/a.h5", "--out=~/made/a.npz", "--unit", "m"]) == 0
+    assert main(["export", "~/a.h5", "--out", "~/b.npz"]) == 0
+    assert (tmp_path / "made/a.npz").is_file()
+    assert (tmp_path / "b.npz").is_file()
+    options = make_parser().parse_args(["train", "demo", "--data.dir=~/clips", "--run-dir", "a~b"])
+    assert options.overrides == [f"--data.dir={tmp_path}/clips"]
+    assert str(options.run_dir) == "a~b"

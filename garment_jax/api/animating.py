@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from garment_jax.api.arguments import a_flag, a_path, a_text, an_integer, optional, takes
 from garment_jax.api.early_page import EarlyPage
-from garment_jax.api.motions import motion_file, moving
+from garment_jax.api.model_argument import a_model
+from garment_jax.api.motions import a_motion, from_arrays, motion_file, moving
 from garment_jax.api.opened import Opened, Wanted, infer_motion
 from garment_jax.api.outputs import Output, plan_outputs
 from garment_jax.api.written_as import Shape, check_able, write_as
@@ -22,9 +24,21 @@ if TYPE_CHECKING:
     from garment_jax.structs import Motion
 
 
+@takes(
+    model=a_model,
+    motion=optional(a_motion),
+    out=optional(a_path),
+    collision=a_flag,
+    preroll=an_integer,
+    force=a_flag,
+    body=a_flag,
+    unit=optional(a_text),
+    up=optional(a_text),
+    height=an_integer,
+)
 def animate(
     model: "LoadedModel",
-    motion: "Motion | str | Path | None" = None,
+    motion: "Motion | tuple | str | Path | None" = None,
     out: str | Path | None = None,
     *,
     collision: bool = True,
@@ -37,7 +51,8 @@ def animate(
 ) -> np.ndarray | list[Path]:
     """Return the garment's vertices `[t, n, 3]`, metres, world; or write them to `out` and return the files.
 
-    `motion`: a file (`motion` says which), a `Motion` on the model's body, or the model's sample.
+    `motion`: a file (`motion` says which), arrays on the model's body, which are (rotations, root) at its
+    rate or (rotations, root, fps) as of `motion`, or the model's sample.
     `collision` off leaves the cloth where it is inside the body; `preroll`: so many frames from the canonical
     pose go before. `out` is a file whose ending says the format: .html .glb .usdc .usd .usda .usdz .abc .pc2
     .mdd .obj/ .npz .h5 .mp4 .webp .gif .png; `force` replaces what is there, `body` off writes the garment
@@ -60,7 +75,7 @@ def animate(
 
 
 def _vertices(
-    model: "LoadedModel", given: "Motion | str | Path | None", *, collision: bool, preroll: int
+    model: "LoadedModel", given: "tuple | str | Path | None", *, collision: bool, preroll: int
 ) -> np.ndarray:
     from garment_jax.animation.animate import animator_for
     from garment_jax.animation.plan import make_plan
@@ -89,7 +104,7 @@ def _vertices(
 
 def _files(
     model: "LoadedModel",
-    given: "Motion | str | Path | None",
+    given: "tuple | str | Path | None",
     out: str,
     asked: Wanted,
     shape: Shape,
@@ -99,7 +114,6 @@ def _files(
     from garment_jax.api.loaded import opened_of
     from garment_jax.importers.sources import Options
     from garment_jax.io.sequence_writer import SequenceWriter
-    from garment_jax.io.validation import check_motion
     from garment_jax.model.scene_file import Sample
     from garment_jax.model.store import check_rate
     from garment_jax.storage.scratch import scratch, unmade
@@ -118,8 +132,7 @@ def _files(
     )
     if isinstance(given, str | Path):
         return write(output)
-    motion, title = model.motion if given is None else given, output.path.stem
-    check_motion(motion, "the motion", joints=model.scene.body.joint_names)
+    motion, title = from_arrays(model, model.motion if given is None else given), output.path.stem
     check_rate(opened_of(model).facts, motion, "the motion")
     with unmade(output.path.parent), scratch(output.path.parent) as place:
         path = place / "motion.h5"

@@ -4,18 +4,47 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from garment_jax.api.arguments import (
+    a_flag,
+    a_function,
+    a_number,
+    a_path,
+    a_path_or,
+    a_text,
+    an_integer,
+    optional,
+    some_names,
+    some_paths,
+    some_settings,
+    takes,
+)
 from garment_jax.api.loaded import LoadedModel, load
+from garment_jax.config import Config, apply_overrides, load_config
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from garment_jax.config import Config
     from garment_jax.simulation.clips import Job
     from garment_jax.structs import Scene
 
 Paths = str | Path | Sequence[str | Path]
 
 
+@takes(
+    garment=a_path_or(LoadedModel),
+    motions=optional(some_paths),
+    out=a_path,
+    body=optional(a_path),
+    collider=optional(a_path),
+    pins=a_path,
+    test=some_names,
+    cloth=some_settings,
+    vertices=an_integer,
+    frames=an_integer,
+    workers=an_integer,
+    device=a_text,
+    say=a_function,
+)
 def simulate(
     garment: "LoadedModel | str | Path",
     motions: Paths | None,
@@ -61,8 +90,15 @@ def simulate(
     return [outcome.path for outcome in outcomes if outcome.path is not None]
 
 
+@takes(
+    config=a_path_or(Config),
+    data=optional(a_path),
+    out=optional(a_path),
+    stage=a_text,
+    settings=some_settings,
+)
 def train(
-    config: "Config | str | Path",
+    config: Config | str | Path,
     data: str | Path | None = None,
     out: str | Path | None = None,
     *,
@@ -78,7 +114,6 @@ def train(
 
         model = gj.train("configs/skirt.toml", "data/mine", "runs/mine")
     """
-    from garment_jax.config import Config, apply_overrides, load_config
     from garment_jax.training.pipeline import train as train_stages
 
     read = config if isinstance(config, Config) else load_config(config)
@@ -91,6 +126,7 @@ def train(
     return load(train_stages(read, out, data_dir=data or read.data.dir, stage=stage))
 
 
+@takes(predicted=a_path_or(LoadedModel), truth=a_path, every=an_integer, again=optional(a_path))
 def evaluate(
     predicted: "LoadedModel | str | Path",
     truth: str | Path,
@@ -122,6 +158,23 @@ def evaluate(
         return figures | {"prediction": predicted.name}
 
 
+@takes(
+    source=a_path_or(LoadedModel),
+    out=a_path,
+    format=optional(a_text),
+    unit=a_text,
+    up=a_text,
+    fps=optional(a_number),
+    start=an_integer,
+    stop=optional(an_integer),
+    frame_offset=an_integer,
+    every=an_integer,
+    body=a_flag,
+    detail=a_flag,
+    clip=optional(a_path),
+    blender=optional(a_path),
+    force=a_flag,
+)
 def export(source: "LoadedModel | str | Path", out: str | Path, **options: Any) -> list[Path]:
     """Write a sequence file for other programs, or a model as ONNX graphs; return the files.
 

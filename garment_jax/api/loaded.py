@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from garment_jax.api.arguments import a_flag, a_path, optional, takes
 from garment_jax.api.opened import Opened, Wanted, open_model, read_once
 from garment_jax.body.carried import Carried, carried_points
 from garment_jax.body.seeds import Seeds
@@ -39,6 +40,14 @@ class LoadedModel(NamedTuple):
     opened: Opened  # where it was read, and what is compiled of it
 
 
+@takes(
+    model=a_path,
+    clip=optional(a_path),
+    column_rnn=a_flag,
+    detail=a_flag,
+    lengths=a_flag,
+    untangle=a_flag,
+)
 def load(
     model: str | Path,
     *,

@@ -1,7 +1,10 @@
 """What a user calls a motion, on the model's body and at its rate: a file, arrays, or nothing: the sample."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from garment_jax.api.arguments import a_flag, a_number, a_path, a_text, an_integer, optional, shown, takes
+from garment_jax.api.model_argument import a_model
 
 if TYPE_CHECKING:
     from garment_jax.api.loaded import LoadedModel
@@ -18,6 +21,18 @@ class Moving(NamedTuple):
     name: str
 
 
+@takes(
+    model=a_model,
+    file=a_path,
+    joints=optional(a_path),
+    source_fps=optional(a_number),
+    skip=an_integer,
+    rest_frame=optional(an_integer),
+    floor=a_flag,
+    unit=optional(a_text),
+    up=optional(a_text),
+    animation=optional(a_text),
+)
 def motion(
     model: "LoadedModel",
     file: str | Path,
@@ -57,19 +72,37 @@ def motion(
     return put_on(Path(file), model.scene, fps=model.fps, options=options).motion
 
 
-def moving(model: "LoadedModel", given: "Motion | str | Path | None") -> Moving:
+def a_motion(name: str, value: Any) -> Any:
+    """Return a path, or a tuple that may be a motion: `from_arrays` looks into it."""
+    if isinstance(value, tuple | list) and len(value) in (2, 3):
+        return tuple(value)
+    if not isinstance(value, str | Path):
+        raise ValueError(
+            f"{name}={shown(value)} is no motion; give a file, (rotations, root), or (rotations, root, fps)."
+        )
+    return a_path(name, value)
+
+
+def from_arrays(model: "LoadedModel", given: tuple) -> "Motion":
+    """Return arrays as a motion of the model's body, at its rate without fps; `ValueError` for none."""
+    from garment_jax.io.validation import check_motion, to_motion
+
+    motion = to_motion(given, "the motion", fps=model.fps)
+    check_motion(motion, "the motion", joints=model.scene.body.joint_names)
+    return motion
+
+
+def moving(model: "LoadedModel", given: "tuple | str | Path | None") -> Moving:
     """Return a motion in its scene: a file's, the sample for None; `ValueError` for what is no motion."""
     from garment_jax.importers.motion_clips import put_on
     from garment_jax.importers.sources import Options
     from garment_jax.io.sequence import open_sequence
-    from garment_jax.io.validation import check_motion
     from garment_jax.model.scene_file import Sample
 
     if given is None:
         return Moving(model.scene, model.motion, model.name)
     if not isinstance(given, str | Path):
-        check_motion(given, "the motion", joints=model.scene.body.joint_names)
-        return Moving(model.scene, given, model.name)
+        return Moving(model.scene, from_arrays(model, given), model.name)
     path, own = Path(given), Options(floor=True)
     if as_it_stands(path, Sample(model.scene, model.motion, model.name), model.fps, own):
         with open_sequence(path) as clip:

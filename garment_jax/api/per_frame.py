@@ -7,14 +7,17 @@ millimetre where a rollout does not branch.
 
 import sys
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from garment_jax.api.arguments import a_flag, shown, takes
 from garment_jax.api.loaded import LoadedModel
+from garment_jax.api.model_argument import a_model
 from garment_jax.exporters.column_rnn_functions import ColumnState, begun, column_input
 from garment_jax.exporters.host_functions import (
     first_frame,
@@ -25,6 +28,7 @@ from garment_jax.exporters.host_functions import (
     yaw_matrix,
 )
 from garment_jax.geometry.skinning import softmax_weights
+from garment_jax.io.validation import check_poses, check_shapes, real_numbers
 from garment_jax.model import compose
 from garment_jax.model.compose import RolloutState, init_state
 from garment_jax.model.motion.network import MotionCarry
@@ -37,7 +41,7 @@ from garment_jax.postprocess.pipeline import (
     shape_init,
     shape_step,
 )
-from garment_jax.structs import FrameInput
+from garment_jax.structs import FrameInput, Motion
 
 Numbers = np.ndarray | jax.Array
 # rotations [j, 3, 3] of the joints from the canonical pose, and root [3], joint 0's position; metres, world
@@ -55,17 +59,36 @@ class State(NamedTuple):
     contacts: ContactState | None  # None: collisions are not handled
 
 
+def _a_state(name: str, value: Any) -> State:
+    if not isinstance(value, State):
+        raise ValueError(f"{name}={shown(value)} is no state; give what gj.init or gj.step returned.")
+    return value
+
+
+def _a_skeleton(name: str, value: Any) -> Skeleton:
+    """Return rotations and root as arrays of real numbers; what is traced stays as it is."""
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise ValueError(f"{name}={shown(value)} is no pair of arrays; give (rotations, root).")
+    rotations, root = (
+        x if isinstance(x, jax.Array) and not jnp.iscomplexobj(x) else real_numbers(x, f"{name}: {part}")
+        for part, x in zip(("rotations", "root"), value, strict=True)
+    )
+    return rotations, root
+
+
+@takes(model=a_model, frame=_a_skeleton, collision=a_flag, postprocess=a_flag)
 def init(model: LoadedModel, frame: Skeleton, *, collision: bool = True, postprocess: bool = True) -> State:
     """Return the state before the first frame, whose skeleton is `frame`; the garment hangs on it at rest.
 
     `frame`: rotations `[j, 3, 3]` of the joints from the canonical pose and the root's position `[3]`;
     metres, world, Y up. `collision` off leaves collisions unhandled, `postprocess` off all that comes after
-    the networks, which are differentiable; `step` and `rollout` follow the state.
+    the networks, which are differentiable; `step` and `rollout` follow the state. Raises `ValueError` for
+    what is no skeleton of the model's body, as these do: by its values where they are known, not traced.
 
         rotations, root, fps = model.motion
         state = gj.init(model, (rotations[0], root[0]))
     """
-    skeleton = _arrays(frame)
+    skeleton = _arrays(model, frame)
     networks, columns = _begun(model, skeleton)
     state = State(skeleton, networks, columns, None, None)
     if not postprocess:
@@ -78,16 +101,18 @@ def init(model: LoadedModel, frame: Skeleton, *, collision: bool = True, postpro
     return state._replace(shape=shape, contacts=_contacts_begun(model, V, body))
 
 
+@takes(model=a_model, state=_a_state, frame=_a_skeleton)
 def step(model: LoadedModel, state: State, frame: Skeleton) -> tuple[State, Float[Array, "n 3"]]:
     """Return the next state and the garment of this frame, metres, world; nothing from the future.
 
     `frame`: as of `init`, a frame of `1 / model.fps` seconds after the last. Compiled at the first call,
-    which takes seconds; then milliseconds. Pure: wrap it in `jax.jit`, `jax.vmap` or `jax.lax.scan` freely.
+    which takes a minute or two, once on a machine; then milliseconds. Pure: wrap it in `jax.jit`, `jax.vmap`
+    or `jax.lax.scan` freely.
 
         for frame in zip(rotations, root):
             state, V = gj.step(model, state, frame)
     """
-    skeleton = _arrays(frame)
+    skeleton = _arrays(model, frame)
     state, V, body = _networks(model, state, skeleton)
     if state.shape is not None:
         shape, V = _shape(model, state.shape, V, body)
@@ -98,6 +123,7 @@ def step(model: LoadedModel, state: State, frame: Skeleton) -> tuple[State, Floa
     return state, _placed(V, skeleton)
 
 
+@takes(model=a_model, state=_a_state, frames=_a_skeleton)
 def rollout(model: LoadedModel, state: State, frames: Skeleton) -> tuple[State, Float[Array, "t n 3"]]:
     """Return the state after `t` frames and every frame's garment, metres, world: a scan of `step`.
 
@@ -105,7 +131,7 @@ def rollout(model: LoadedModel, state: State, frames: Skeleton) -> tuple[State, 
 
         state, V = gj.rollout(model, state, (rotations, root))    # [t, n, 3]
     """
-    return _rollout(model, state, _arrays(frames))
+    return _rollout(model, state, _arrays(model, frames, one_frame=False))
 
 
 @jax.jit
@@ -113,8 +139,14 @@ def _rollout(model: LoadedModel, state: State, frames: _Skeleton) -> tuple[State
     return jax.lax.scan(partial(step, model), state, frames)
 
 
-def _arrays(frame: Skeleton) -> _Skeleton:
-    rotations, root = frame
+def _arrays(model: LoadedModel, skeleton: Skeleton, *, one_frame: bool = True) -> _Skeleton:
+    """Return arrays as float32; `ValueError` for wrong shapes, and for no pose where values are known."""
+    name, joints = "the frame" if one_frame else "the motion", model.scene.body.joint_names
+    check_shapes(skeleton[0].shape, skeleton[1].shape, name, joints=joints, one_frame=one_frame)
+    if not any(isinstance(x, Tracer) for x in skeleton):
+        rotations, root = (np.asarray(x)[None] if one_frame else np.asarray(x) for x in skeleton)
+        check_poses(Motion(rotations, root, model.fps), name, joints=joints)
+    rotations, root = skeleton
     return jnp.asarray(rotations, jnp.float32), jnp.asarray(root, jnp.float32)
 
 
@@ -137,9 +169,9 @@ def _networks(
     model: LoadedModel, state: State, skeleton: _Skeleton
 ) -> tuple[State, Float[Array, "n 3"], BodyFrame]:
     """Return the state with the networks' next, their garment (root frame), and what the body carries."""
-    # Said while this is traced, so once for each thing that is compiled: a silent half minute looks broken.
+    # Said while this is traced, so once for each thing that is compiled: a silent minute looks broken.
     print(
-        "preparing a frame's step, a minute where it was not compiled here before",
+        "preparing a frame's step, a minute or two where it was not compiled here before",
         file=sys.stderr,
         flush=True,
     )

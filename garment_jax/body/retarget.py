@@ -22,7 +22,7 @@ from garment_jax.body.local_axes import alignments, shortest_turn, sides_agree, 
 from garment_jax.body.rates import rate_of_frame_time
 from garment_jax.body.resample import between, sample_times, slerp
 from garment_jax.body.skeleton_track import SkeletonTrack, rest_positions, world_positions
-from garment_jax.body.up_axis import TO_Y, UpAxis, axis_name, leg_length, settle_up
+from garment_jax.body.up_axis import TO_Y, UpAxis, axis_name, known_axis, leg_length, settle_up
 from garment_jax.storage.missing import not_a_file
 from garment_jax.structs import Motion, RiggedBody
 
@@ -187,6 +187,7 @@ def align(
     usual_up: str = "Y",
 ) -> Alignment:
     """Return how a track's joints are turned against the body's, whose `sources` `[j]` they are."""
+    up = None if up is None else known_axis(up)
     roles = _body_roles(track, body, sources)
     at = {role: int(sources[j]) for role, j in roles.items() if sources[j] >= 0}
     if not set(NEEDED_ROLES) <= set(at):

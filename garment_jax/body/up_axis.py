@@ -31,6 +31,13 @@ class UpAxis(NamedTuple):
     note: str = ""
 
 
+def known_axis(up: str) -> str:
+    """Return the axis that a user says is up, as `TO_Y` has it; `ValueError` for what is none."""
+    if up.upper() not in TO_Y:
+        raise ValueError(f"the up axis {up!r} is unknown; give X, Y or Z.")
+    return up.upper()
+
+
 def settle_up(
     positions: np.ndarray,
     at: Mapping[str, int],

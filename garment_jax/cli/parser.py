@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import os
 import sys
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -25,8 +26,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(**{"formatter_class": Help, **given})
 
     def parse_known_args(self, args=None, namespace=None):
-        """Parse all words; none is left over."""
-        words, overrides = list(sys.argv[1:] if args is None else args), []
+        """Parse all words; none is left over, and `~` at a path's beginning is the home folder."""
+        words, overrides = list(map(at_home, sys.argv[1:] if args is None else args)), []
         if self.get_default("overrides") is not None:
             words, overrides = split_overrides(words)
         self._refuse_unknown(words)
@@ -69,6 +70,12 @@ class Parser(argparse.ArgumentParser):
     def _has(self, name: str) -> bool:
         options = self._option_string_actions
         return name in options or any(option.startswith(name) for option in options)
+
+
+def at_home(word: str) -> str:
+    """Return a word with `~` at its beginning as the home folder; shells leave --OPTION=~/PATH as it is."""
+    option, equals, value = word.partition("=")
+    return option + equals + os.path.expanduser(value) if option[:2] == "--" else os.path.expanduser(word)
 
 
 def add_command(commands: Any, name: str, *, does: str, examples: str, **given: Any) -> Parser:

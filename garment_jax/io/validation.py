@@ -7,11 +7,11 @@ meshes and skeletons that differ from the model's.
 
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from garment_jax.body.frame_windows import stretches
+from garment_jax.body.frame_windows import FrameWindows, stretches
 from garment_jax.body.motion_features import chosen_joints
 from garment_jax.io.sequence import Sequence
 from garment_jax.structs import Garment, Motion, RiggedBody, Scene
@@ -19,6 +19,7 @@ from garment_jax.structs import Garment, Motion, RiggedBody, Scene
 SMALLEST, LARGEST = 0.05, 5.0  # metres: extents of a garment or a body that wears it
 STILL = 1e-4  # metres (and radians): movement below this is none
 FARTHEST = 1e9  # of a coordinate in any unit: a number beyond is damage, and its square overflows
+FARTHEST_ROOT = 2.0**14  # metres: beyond, float32 rounds the world's coordinates by more than 0.5 mm
 FPS_TOLERANCE = 0.01  # relative; another frame rate means other velocities a frame
 FASTEST = 30.0  # metres per second; the fastest sprinters reach 12
 
@@ -99,6 +100,31 @@ def check_joints(body: RiggedBody, joints: Iterable[str], name: str) -> None:
         )
 
 
+def to_motion(given: Many[Any], name: str, *, fps: float) -> Motion:
+    """Return (rotations, root) at `fps`, or (rotations, root, fps), as a motion of arrays of real numbers.
+
+    Raises `ValueError` for what holds none; `check_motion` looks at shapes and values.
+    """
+    long = isinstance(given[0], FrameWindows)
+    rotations: Any = given[0] if long else real_numbers(given[0], f"{name}: rotations")
+    rate = real_numbers(given[2] if len(given) == 3 else fps, f"{name}: fps", give="one, such as 30")
+    if rate.ndim:
+        raise ValueError(f"{name}: fps has the shape {list(rate.shape)}; give one number, such as 30.")
+    return Motion(rotations, real_numbers(given[1], f"{name}: root"), float(rate))
+
+
+def real_numbers(given: object, name: str, *, give: str = "an array of floats") -> np.ndarray:
+    """Return numbers as an array of float32 or float64; `ValueError` for what is none, complex or ragged."""
+    try:
+        array = np.asarray(given)
+    except (TypeError, ValueError, RuntimeError):  # ragged lists, another library's arrays
+        array = np.asarray(None)
+    if array.dtype.kind not in "fiu":
+        said = f"of type {array.dtype.name}" if array.ndim else repr(given)[:40]
+        raise ValueError(f"{name} is {said}, no real numbers; give {give}.")
+    return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
+
+
 def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
     """Raise ValueError if rotations are none, the root is nowhere or jumps; `joints` are their names."""
     check_poses(motion, name, joints=joints)
@@ -111,11 +137,14 @@ def check_motion(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
 
 
 def check_poses(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
-    """Raise ValueError if rotations are none or the root is nowhere; any speed is taken."""
+    """Raise ValueError if shapes or rate are wrong, rotations none, the root nowhere; any speed is taken."""
+    check_shapes(motion.rotations.shape, motion.root.shape, name, joints=joints)
+    if not 0 < motion.fps < np.inf:  # nor NaN
+        raise ValueError(f"{name} has {motion.fps} fps; give frames a second, such as 30.")
     for _, frames in stretches(len(motion.root)):
         R = motion.rotations[frames].astype(np.float64)
-        error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
+            error = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(2, 3))
             wrong = ~((error <= 1e-2) & (np.linalg.det(R) >= 0))  # a mirrored one has no error; NaN is wrong
         if wrong.any():
             frame, joint = np.argwhere(wrong)[0]
@@ -124,12 +153,38 @@ def check_poses(motion: Motion, name: str, *, joints: Many[str] = ()) -> None:
                 f"{name}: rotations of frame {frames.start + frame} are no rotation matrices ({which}); "
                 "export them again."
             )
-    nowhere = ~np.isfinite(motion.root).all(axis=1)
+    nowhere = ~(np.abs(motion.root) <= FARTHEST_ROOT).all(axis=1)  # NaN, too
     if nowhere.any():
         frame = int(nowhere.argmax())
+        place = np.asarray(motion.root[frame])
+        remedy = "export the motion again"
+        if np.isfinite(place).all():
+            remedy = f"move it to within {FARTHEST_ROOT:.0f} m of the origin, or convert it to metres"
+        raise ValueError(f"{name}: the root of frame {frame} is at {place.tolist()}; {remedy}.")
+
+
+def check_shapes(
+    rotations: Many[int], root: Many[int], name: str, *, joints: Many[str] = (), one_frame: bool = False
+) -> None:
+    """Raise ValueError unless shapes are `[t, j, 3, 3]` and `[t, 3]`, of one frame `[j, 3, 3]` and `[3]`.
+
+    `joints` are the names of the body's, where they are known.
+    """
+    t = 0 if one_frame else 1
+    if len(rotations) != t + 3 or tuple(rotations[t + 1 :]) != (3, 3) or tuple(root[t:]) != (3,):
+        wanted = "[j, 3, 3] and [3] of one frame" if one_frame else "[t, j, 3, 3] and [t, 3]"
         raise ValueError(
-            f"{name}: the root of frame {frame} is at {np.asarray(motion.root[frame]).tolist()}; export the "
-            "motion again."
+            f"{name} has rotations {list(rotations)} and root {list(root)}; give rotation matrices and "
+            f"positions, {wanted}."
+        )
+    if tuple(rotations[:t]) != tuple(root[:t]):
+        raise ValueError(f"{name} has {rotations[0]} rotations and {root[0]} roots; give one each a frame.")
+    if 0 in rotations[:t]:
+        raise ValueError(f"{name} has no frames; give one or more.")
+    if joints and rotations[t] != len(joints):
+        raise ValueError(
+            f"{name} has {rotations[t]} joints and the body {len(joints)}; give the rotations of "
+            f"{', '.join(joints)}."
         )
 
 

@@ -65,7 +65,7 @@ def facts_of(model: Model) -> ModelFacts:
 
 def check_rate(model: Model | ModelFacts, motion: Motion, name: str) -> None:
     """Raise `ValueError` for a motion of another frame rate than the model's."""
-    if abs(motion.fps / model.fps - 1) > FPS_TOLERANCE:
+    if not abs(motion.fps / model.fps - 1) <= FPS_TOLERANCE:  # NaN, too
         raise ValueError(
             f"{name} has {motion.fps:g} fps and the model was trained at {model.fps:g}; resample the motion "
             f"(garment-jax import --fps {model.fps:g})."

@@ -20,6 +20,12 @@ def model(tmp_path_factory: pytest.TempPathFactory):
     return loaded(tmp_path_factory.mktemp("models") / "tiny")
 
 
+def refuse_everywhere(model, folder: Path, motion, sentence: str) -> None:
+    for out in (None, folder / "a.h5"):
+        with pytest.raises(ValueError, match=sentence):
+            gj.animate(model, motion, out)
+
+
 def whole(motion, tiny: Model | None = None, **options) -> np.ndarray:
     return np.concatenate([c.V for c in animate(tiny or tiny_model(), SCENE, motion, **options)])
 
@@ -32,6 +38,16 @@ def test_the_sample_a_motion_and_a_clip_become_vertices(model, tmp_path: Path):
     np.testing.assert_allclose(gj.animate(model, clip, collision=False), expected, atol=1e-6)
     before = whole(SAMPLE.motion, collision=False, preroll=5)
     np.testing.assert_array_equal(gj.animate(model, collision=False, preroll=5), before)
+
+
+def test_arrays_without_a_rate_have_the_models(model, tmp_path: Path):
+    rotations, root, fps = SAMPLE.motion
+    expected = gj.animate(model, SAMPLE.motion, collision=False)
+    for given in ((rotations, root), (rotations, root, fps), [rotations, root]):
+        np.testing.assert_array_equal(gj.animate(model, given, collision=False), expected)
+    gj.animate(model, (rotations, root), tmp_path / "a.h5", collision=False)
+    with open_sequence(tmp_path / "a.h5") as made:
+        assert made.fps == model.fps
 
 
 def test_a_file_is_put_on_the_models_body(model, tmp_path: Path):
@@ -91,11 +107,13 @@ def test_motions_that_are_none_are_refused_in_a_sentence(model, tmp_path: Path):
         (motion._replace(rotations=turned), "the motion: rotations of frame 3 are no rotation matrices"),
         (motion._replace(root=placed), r"the motion: the root of frame 2 is at \[.*nan"),
         (motion._replace(fps=60.0), "60 fps and the model was trained at 30"),
+        (motion._replace(fps=np.nan), "the motion has nan fps"),
+        (motion._replace(root=motion.root + 1e6), "move it to within 16384 m"),
+        ((motion.rotations[:5], motion.root[:4]), "5 rotations and 4 roots"),
+        ((motion.rotations[:0], motion.root[:0]), "the motion has no frames"),
+        ((motion.rotations.astype(object), motion.root), "rotations is of type object"),
     ):
-        with pytest.raises(ValueError, match=sentence):
-            gj.animate(model, bad)
-        with pytest.raises(ValueError, match=sentence):
-            gj.animate(model, bad, tmp_path / "a.h5")
+        refuse_everywhere(model, tmp_path, bad, sentence)
     with pytest.raises(ValueError, match="rotations of frame 3"):
         next(animate(tiny_model(), SCENE, motion._replace(rotations=turned)))
     with pytest.raises(FileNotFoundError, match=r"run\.bvh"):

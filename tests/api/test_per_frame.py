@@ -112,3 +112,30 @@ def test_other_parameters_are_another_garment_and_compile_nothing(model, capsys)
     assert np.abs(V[0] - V[1]).max() > 1e-3
     assert step._cache_size() == 1  # type: ignore[attr-defined]
     assert capsys.readouterr().err.count("preparing a frame's step, a minute") == 1
+
+
+def test_frames_that_are_none_are_refused_in_a_sentence(model):
+    R, root, _ = model.motion
+    state = gj.init(model, (R[0], root[0]), postprocess=False)
+    few = r"21 joints and the body 22; give the rotations of Hips, "
+    for frame, sentence in (
+        ((R[0, :-1], root[0]), few),
+        ((R, root), r"the frame has rotations \[18, 22, 3, 3\] .* \[j, 3, 3\] and \[3\] of one frame"),
+        ((R[0] * np.nan, root[0]), r"no rotation matrices \(Hips\)"),
+        ((jnp.zeros((22, 3, 3)), jnp.asarray(root[0])), "no rotation matrices"),
+        ((R[0], root[0] + 1e6), "the frame: the root .* move it to within 16384 m"),
+        ((R[0] * 1j, root[0]), "frame: rotations is of type complex64, no real numbers"),
+        (3, r"frame=3 is no pair of arrays; give \(rotations, root\)"),
+        (model.motion, "frame=<Motion> is no pair"),
+    ):
+        for call in (lambda x: gj.init(model, x, collision=False), lambda x: gj.step(model, state, x)):
+            with pytest.raises(ValueError, match=sentence):
+                call(frame)
+    with pytest.raises(ValueError, match=few):  # shapes are known while a program is made
+        jax.jit(gj.step)(model, state, (R[0, :-1], root[0]))
+    with pytest.raises(ValueError, match=r"state=None is no state; give what gj\.init or gj\.step returned"):
+        gj.step(model, None, (R[0], root[0]))
+    with pytest.raises(ValueError, match="the motion has 3 rotations and 2 roots"):
+        gj.rollout(model, state, (R[:3], root[:2]))
+    with pytest.raises(ValueError, match="rotations of frame 2 are no rotation matrices"):
+        gj.rollout(model, state, (np.where(np.arange(4)[:, None, None, None] == 2, np.nan, R[:4]), root[:4]))

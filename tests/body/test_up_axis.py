@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from garment_jax.body.up_axis import TO_Y, axis_name, leg_length, settle_up
+from garment_jax.body.up_axis import TO_Y, axis_name, known_axis, leg_length, settle_up
 
 # metres, Y up, facing +Z
 JOINTS = {
@@ -85,3 +85,10 @@ def test_an_axis_without_a_name_of_an_option_is_left_to_the_motion() -> None:
 
 def test_leg_length_is_that_of_both_legs() -> None:
     assert leg_length(world("Z"), AT) == pytest.approx(1.6)
+
+
+def test_what_is_no_axis_is_refused_with_its_value():
+    assert [known_axis(up) for up in ("z", "-Y", "X")] == ["Z", "-Y", "X"]
+    for up in ("w", "", "up"):
+        with pytest.raises(ValueError, match=f"the up axis '{up}' is unknown; give X, Y or Z"):
+            known_axis(up)

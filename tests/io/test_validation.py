@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from garment_jax.io.sequence import open_sequence
-from garment_jax.io.validation import check_clip, check_input, check_motion, check_same_garment
+from garment_jax.io.validation import (
+    FARTHEST_ROOT,
+    check_clip,
+    check_input,
+    check_motion,
+    check_poses,
+    check_same_garment,
+    to_motion,
+)
 from garment_jax.structs import Motion, Scene
 from tests.reference.scene import make_motion, make_scene, make_vertices, write_clip
 
@@ -123,6 +131,46 @@ def test_a_mirrored_rotation_is_named_by_its_frame_and_joint(tmp_path, scene):
     rotations[4, 1] = np.nan
     with pytest.raises(ValueError, match=r"rotations of frame 4 are no rotation matrices \(joint 1\)"):
         check_motion(motion._replace(rotations=rotations), "a motion")
+
+
+def test_arrays_that_are_no_motion_are_refused(scene):
+    motion, names = make_motion(scene, 12), scene.body.joint_names
+    R, root, fps = motion
+    for bad, sentence in (
+        ((R[:5], root[:4]), "a motion has 5 rotations and 4 roots"),
+        ((R[:0], root[:0]), "a motion has no frames"),
+        ((R[:, :-1], root), r"21 joints and the body 22; give the rotations of Hips, .*RightToeBase"),
+        ((R[..., 0], root), r"rotations \[12, 22, 3\] and root \[12, 3\]; give rotation matrices"),
+        ((R[0], root[0]), r"root \[3\]; give .* \[t, j, 3, 3\] and \[t, 3\]"),
+        ((R, root[:, 0]), r"root \[12\]; give"),
+        ((R, root, np.nan), "a motion has nan fps; give frames a second"),
+        ((R, root, np.inf), "inf fps"),
+        ((R, root, -30), "-30.0 fps"),
+        ((R, root, "30"), "fps is '30', no real numbers; give one, such as 30"),
+        ((R, root, root), r"fps has the shape \[12, 3\]"),
+        ((R.astype(complex), root), "rotations is of type complex128, no real numbers; give an array of flo"),
+        ((R.astype(object), root), "rotations is of type object"),
+        ((R, [[1.0], [2.0, 3.0]]), r"root is \[\[1.0\], \[2.0, 3.0\]\], no real numbers"),
+        ((R, root + 1e6), r"root of frame 0 is at \[.*; move it to within 16384 m of the origin"),
+        ((R, root + 1e30), "move it to within 16384 m"),
+        ((R.astype(np.float64) * 1e200, root), "no rotation matrices"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            check_motion(to_motion(bad, "a motion", fps=fps), "a motion", joints=names)
+
+
+def test_arrays_and_lists_of_numbers_are_a_motion(scene):
+    motion = make_motion(scene, 3)
+    R, root, fps = motion
+    far = motion._replace(root=root.astype(np.float64) + [10_000.0, 0.0, 0.0])
+    check_poses(far, "10 km away", joints=scene.body.joint_names)
+    check_poses(motion._replace(root=0 * root - FARTHEST_ROOT), "at the border")
+    for given in ((R, root), [R.tolist(), root.tolist()], (R, root, np.array(fps)), (R, root, int(fps))):
+        made = to_motion(given, "a motion", fps=fps)
+        check_motion(made, "a motion")
+        np.testing.assert_array_equal(made.rotations, R)
+        np.testing.assert_array_equal(made.root, root)
+        assert made.fps == fps
 
 
 def test_missing_joints_are_named(tmp_path, scene):

@@ -27,11 +27,13 @@ MESSAGES = {
     Outcome.NOTHING_TO_DO: "Every free vertex was outside by the margin; nothing was pushed out.",
     Outcome.CONVERGED: "Every free vertex is outside by the margin and the steps fell below the tolerance.",
     Outcome.STEPS_SPENT: "Every free vertex is outside by the margin, but the step budget ended before the "
-    "tolerance was met; raise `iterations` for a smoother garment.",
+    "tolerance was met; more steps (--iterations, collision.iterations in a configuration) make the garment "
+    "smoother.",
     Outcome.MARGIN_MISSED: "No free vertex is inside, but some are nearer than the margin, as between two "
-    "parts of the body that touch; lower `eps` or accept it.",
+    "parts of the body that touch; accept it or choose a smaller one (--eps, collision.eps in a "
+    "configuration).",
     Outcome.STILL_INSIDE: "Some free vertices are still inside the body after the last projection; parts of "
-    "the body may cross each other there, or `projections` is too small.",
+    "the body may cross each other there.",
     Outcome.NOT_FINITE: "The garment or the body holds a NaN or an infinite coordinate; the input came back "
     "with its pins in place and nothing else was done.",
 }

@@ -3,7 +3,13 @@
 import jax.numpy as jnp
 import pytest
 
-from garment_jax.postprocess.collision.result import CollisionResult, Outcome, Planes, joined
+from garment_jax.postprocess.collision.result import (
+    MESSAGES,
+    CollisionResult,
+    Outcome,
+    Planes,
+    joined,
+)
 
 
 def result(*, before: int, after: int, steps: int, outcome: Outcome) -> CollisionResult:
@@ -36,3 +42,10 @@ def test_the_first_is_as_it_is():
     )
     assert (int(both.penetrating_before), int(both.steps)) == (3, 2)
     assert int(both.outcome) == Outcome.NOTHING_TO_DO
+
+
+def test_remedies_are_options_of_collide_and_keys_of_a_configuration():
+    """Of Python's parameters a user of the command knows nothing."""
+    assert not any("`" in sentence for sentence in MESSAGES.values())
+    for outcome, name in ((Outcome.STEPS_SPENT, "iterations"), (Outcome.MARGIN_MISSED, "eps")):
+        assert f"(--{name}, collision.{name} in a configuration)" in MESSAGES[outcome]
