@@ -95,7 +95,7 @@ def write_text(path: Path, text: str) -> None:
         made.write_text(text, encoding="utf-8")
 
 
-def link_or_copy(source: Path, target: Path) -> None:
+def link_or_copy(source: str | Path, target: str | Path) -> None:
     """Make `target` the file `source` by another name, or a copy where the file system has no such links."""
     try:
         os.link(source, target)
