@@ -172,7 +172,7 @@ class ProgramStore:
 def compiling(store: ProgramStore | None) -> str:
     """Return what to say while the programs of `store` are waited for."""
     kept = store is not None and store.keeps
-    return "compiling" + (", about a minute the first time on this machine" if kept else "")
+    return "compiling" + (" (about a minute the first time here)" if kept else "")
 
 
 class Gate:
