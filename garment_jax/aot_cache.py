@@ -76,6 +76,11 @@ class ProgramStore:
         self._listed: list[str] = []
         self._used: list[str] = []
 
+    @property
+    def keeps(self) -> bool:
+        """Whether programs are kept between runs."""
+        return self._folder is not None
+
     def read_ahead(self, purpose: str) -> None:
         """Begin to read the programs that were used for the same `purpose` last time.
 
@@ -162,6 +167,12 @@ class ProgramStore:
                 with replaced(self._list) as (made,):
                     made.write_text("\n".join(self._listed), encoding="utf-8")
                 only_newest(self._list.parent, "last-*.txt", _KEPT)
+
+
+def compiling(store: ProgramStore | None) -> str:
+    """Return what to say while the programs of `store` are waited for."""
+    kept = store is not None and store.keeps
+    return "compiling" + (" (about a minute the first time here)" if kept else "")
 
 
 class Gate:

@@ -30,6 +30,18 @@ def machine() -> dict[str, str]:
     }
 
 
+def absent_device() -> str:
+    """Return a sentence where `JAX_PLATFORMS` names a device that a loaded JAX does not find here."""
+    named, jax = os.environ.get("JAX_PLATFORMS", ""), sys.modules.get("jax")
+    if not named or jax is None:
+        return ""
+    try:
+        jax.devices()
+    except Exception:  # of several kinds
+        return f"JAX_PLATFORMS={named} names a device that is not here; unset it, or set it to cpu."
+    return ""
+
+
 def processor() -> str:
     """Return the processor's name."""
     return _line("/proc/cpuinfo", "model name") or platform.processor() or platform.machine()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.cli import GROUPS, main, make_parser
+from garment_jax.cli.next_step import say_next
 from garment_jax.io.sequence import open_sequence
 from garment_jax.model.store import save_model
 from tests.animation.tiny_model import tiny_model
@@ -225,6 +226,40 @@ def test_module_runs_and_help_needs_no_jax():
     assert result.returncode == 0, result.stderr
     for name in ("import", "info", "collide", "evaluate", "render"):
         assert name in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("export p.h5 --out f/p.glb", "export: p.h5 -> f/p.glb"),
+        ("collide p.h5", "collide: p.h5"),
+        ("evaluate p.h5 t.h5 --json", "evaluate: p.h5 t.h5"),
+        ("simulate embedded skirt --out d", "simulate embedded: skirt -> d"),
+        ("import a b c d e --out d", "import: a b c and 2 more -> d"),
+        ("info p.h5", ""),  # quick
+        ("train demo", ""),  # has a line of its own
+    ],
+)
+def test_the_first_line_names_inputs_and_output(words: str, line: str):
+    assert make_parser().parse_args(words.split()).begins == line
+
+
+def test_a_device_that_is_not_here_is_the_users_choice(monkeypatch, capsys):
+    def absent(*_: object) -> None:
+        raise RuntimeError("Unable to initialize backend")
+
+    monkeypatch.setenv("JAX_PLATFORMS", "tpu")
+    monkeypatch.setattr("jax.devices", absent)
+    monkeypatch.setattr("garment_jax.cli.info.run", lambda options: {}["no device"])
+    assert main(["info", "a.h5"]) == 2
+    assert capsys.readouterr().err == (
+        "error: JAX_PLATFORMS=tpu names a device that is not here; unset it, or set it to cpu.\n"
+    )
+
+
+def test_the_next_command_takes_a_name_that_begins_with_a_dash(capsys):
+    say_next("view", Path("-x.h5"), "--out", Path("a/-y.html"), "-z")
+    assert capsys.readouterr().err == "next: garment-jax view ./-x.h5 --out a/-y.html -z\n"
 
 
 @pytest.mark.parametrize("code", [130, 2, 0])

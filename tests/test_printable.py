@@ -10,6 +10,7 @@ import pytest
 
 from garment_jax.cli import FAULT, info, main
 from garment_jax.cli.printable import printable
+from tests.io.packed import write_packed
 from tests.reference.scene import write_clip
 
 ROOT = Path(__file__).parents[1]
@@ -32,6 +33,56 @@ def run(*arguments: str | bytes, **environment: str) -> subprocess.CompletedProc
 )
 def test_control_codes_are_spelt_out(text: str, shown: str):
     assert printable(text) == shown
+
+
+def closed_pipe() -> int:
+    """Return a descriptor to write to that nobody reads."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    return writing
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_work_goes_on_where_nobody_reads_and_the_exit_code_is_its_own(tmp_path: Path, name: str):
+    sources = [write_packed(tmp_path, f"train_{clip}", 3) for clip in "ab"]
+    bad = write_clip(tmp_path / "bad.h5", 3)
+    bad.write_bytes(bad.read_bytes()[:5000])
+    for words, code in ((["import", *sources, "--out", str(tmp_path / "out")], 0), (["validate", bad], 1)):
+        pipe = closed_pipe()
+        command = [sys.executable, "-m", "garment_jax", *map(str, words)]
+        others = {"stdout", "stderr"} - {name}
+        streams = {name: pipe} | dict.fromkeys(others, subprocess.PIPE)
+        done = subprocess.run(command, cwd=ROOT, check=False, text=True, **streams)
+        os.close(pipe)
+        assert done.returncode == code, done
+        assert name == "stderr" or "Broken" not in done.stderr
+    assert sorted(path.name for path in (tmp_path / "out" / "train").iterdir()) == ["a.h5", "b.h5"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_under_standard_output_is_said(tmp_path: Path):
+    clip = str(write_clip(tmp_path / "clip.h5", 2))
+    for words in (["info", clip], ["--help"]):
+        with open("/dev/full", "w") as full:
+            command = [sys.executable, "-m", "garment_jax", *words]
+            done = subprocess.run(
+                command, stdout=full, stderr=subprocess.PIPE, cwd=ROOT, check=False, text=True
+            )
+        assert done.returncode == 2
+        assert done.stderr == (
+            "error: standard output was not written (No space left on device); send it elsewhere.\n"
+        )
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "garment_jax", "info", "nowhere.h5"]
+        assert subprocess.run(command, stderr=full, cwd=ROOT, check=False).returncode == 2
+
+
+def test_a_notebooks_backend_does_not_stop_pictures(tmp_path: Path):
+    clip = str(write_clip(tmp_path / "clip.h5", 2))
+    words = ["render", clip, "--out", str(tmp_path / "out"), "--frames", "1", "--height", "60"]
+    done = run(*words, MPLBACKEND="module://nowhere")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith(b"render: " + os.fsencode(clip) + b" -> ")
 
 
 def test_names_from_files_are_printed_as_text(tmp_path: Path):

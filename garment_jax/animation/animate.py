@@ -16,7 +16,7 @@ from garment_jax.animation.frame_method import FrameMethod, stream_motion
 from garment_jax.animation.network_method import compile_networks, network_method
 from garment_jax.animation.plan import ScenePlan, make_plan
 from garment_jax.animation.stream import Chunk, PostprocessStream
-from garment_jax.aot_cache import Program, ProgramStore
+from garment_jax.aot_cache import Program, ProgramStore, compiling
 from garment_jax.body.frame_windows import stretches
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
@@ -231,7 +231,7 @@ def _animate_open(
         writer = stack.enter_context(
             SequenceWriter(out, scene, motion, encoding=encoding, scale=scale, attributes=attributes)
         )
-        progress.say("compiling" + (f", then {preroll} frames of preroll" if preroll else ""))
+        progress.say(compiling(store) + (f", then {preroll} frames of preroll" if preroll else ""))
         if early is not None:
             _show_early(run, scene, motion, early)
         for piece in pieces:
@@ -241,10 +241,7 @@ def _animate_open(
                 figures = figures or jax.tree.map(partial(_column, len(motion.root)), piece.collision)
                 jax.tree.map(partial(_put, frames - len(piece.V)), figures, piece.collision)
                 known += len(piece.V)
-            if frames == len(piece.V):  # the first: it waited for its programs
-                progress.begin(frames)
-            else:
-                progress(frames, len(motion.root))
+            progress(frames, len(motion.root))
         writer.add_per_frame("outside_training_range", outside)
         if figures is not None and known == frames:
             for column, values in per_frame_columns(figures).items():

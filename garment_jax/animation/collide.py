@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from garment_jax.animation.stream import body_frames, chunk_shapes, contact_programs, first_of
-from garment_jax.aot_cache import ProgramStore
+from garment_jax.aot_cache import ProgramStore, compiling
 from garment_jax.body.carried import carried_points, pose_carried
 from garment_jax.body.limbs import limbs_of
 from garment_jax.body.root_frame import from_root, heading, to_root
@@ -82,7 +82,7 @@ def collide_file(
         )
         pieces: list[FrameFigures] = []
         with FrameProgress(sequence.name) as progress, writer:
-            progress.say("compiling")
+            progress.say(compiling(store))
             for start, V, piece in _resolved(sequence, solid, options, limbs, untangle, store):
                 writer.append(V)
                 pieces.append(piece)

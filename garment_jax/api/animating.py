@@ -79,6 +79,7 @@ def _vertices(
 ) -> np.ndarray:
     from garment_jax.animation.animate import animator_for
     from garment_jax.animation.plan import make_plan
+    from garment_jax.aot_cache import compiling
     from garment_jax.api.loaded import opened_of, trained_of
     from garment_jax.model.store import check_rate
     from garment_jax.progress import FrameProgress
@@ -90,15 +91,12 @@ def _vertices(
     run = animator_for(trained_of(model), scene, plan, opened.here.store, name, opened.animators)
     V = np.zeros((len(motion.root), len(scene.garment.template), 3), np.float32)
     with FrameProgress(name) as progress:
-        progress.say("compiling")
+        progress.say(compiling(opened.here.store))
         done = 0
         for piece in run(motion, preroll=preroll, name=name):
             V[done : done + len(piece.V)] = piece.V
             done += len(piece.V)
-            if done == len(piece.V):
-                progress.begin(done)
-            else:
-                progress(done, len(V))
+            progress(done, len(V))
     return V
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from garment_jax.bench.front import pareto_front
@@ -298,9 +299,6 @@ def _floor(axes: Any, records: Records) -> None:
 
 
 def _figure(*, height: float = 4.0) -> tuple[Any, Any]:
-    matplotlib.use("Agg")  # headless: never look for a display
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9.5, height), layout="constrained")
     axes = figure.subplots()
     axes.spines[["top", "right"]].set_visible(False)

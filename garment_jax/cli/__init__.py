@@ -5,6 +5,7 @@ in one sentence and exit code 2.
 """
 
 import argparse
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -34,9 +35,10 @@ from garment_jax.cli import (
     variants,
     view,
 )
-from garment_jax.cli.exit import INTERRUPTED, leave
+from garment_jax.cli.exit import INTERRUPTED, leave, listen, stopped
 from garment_jax.cli.parser import Parser
-from garment_jax.cli.printable import show_safely
+from garment_jax.cli.printable import all_said, show_safely
+from garment_jax.machine import absent_device
 
 LONGEST_SENTENCE = 4000  # characters; a table of joints takes fewer
 FAULT = 70  # of this package, as sysexits.h has it
@@ -50,18 +52,26 @@ COMMANDS = tuple(command for commands in GROUPS.values() for command in commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return a command's exit code: 0, 1 for faults found, 2 after a refusal, `FAULT` for ours."""
+    """Return a command's exit code: 0, 1 for faults found, 2 after a refusal, `FAULT` for ours.
+
+    128 and the signal's number where one has ended it.
+    """
     return carry_out(make_parser().parse_args(arguments))
 
 
 def script(command: ModuleType) -> int:
     """Return the exit code of one command that is a program of its own: `train.py`, `infer.py`."""
+    return carry_out(script_parser(command).parse_args())
+
+
+def script_parser(command: ModuleType) -> Parser:
+    """Return the parser of a command that is a program of its own."""
     parser = Parser(
         description=command.DESCRIPTION,
         epilog=f"examples:\n{command.EXAMPLES}",
     )
     command.add_arguments(parser)
-    return carry_out(parser.parse_args())
+    return parser
 
 
 def carry_out(options: argparse.Namespace) -> int:
@@ -69,19 +79,25 @@ def carry_out(options: argparse.Namespace) -> int:
     try:
         check_paths(options)
         return options.run(options) or 0
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader (head, less) has had enough; nothing is wrong
-        return 0
-    except (ValueError, OSError) as error:
-        print(f"error: {shortened(str(error))}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
-        print(getattr(options, "stopped", "interrupted"), file=sys.stderr)
-        return INTERRUPTED
-    except Exception:  # ours, not the user's: never the code 1 of `validate`, which means faults found
-        traceback.print_exc()
-        print("error: this is a fault of garment-jax itself; please report the lines above.", file=sys.stderr)
-        return FAULT
+        pass
+    except Exception as error:
+        if not stopped():  # what is interrupted may fail in other ways: a process that it waits for has ended
+            return _failed(error)
+    print(getattr(options, "stopped", "interrupted"), file=sys.stderr)
+    return stopped() or INTERRUPTED
+
+
+def _failed(error: Exception) -> int:
+    """Say what is wrong and return the exit code."""
+    sentence = str(error) if isinstance(error, ValueError | OSError) else absent_device()
+    if sentence:
+        print(f"error: {shortened(sentence)}", file=sys.stderr)
+        return 2
+    # ours, not the user's: never the code 1 of `validate`, which means faults found
+    traceback.print_exception(error)
+    print("error: this is a fault of garment-jax itself; please report the lines above.", file=sys.stderr)
+    return FAULT
 
 
 def shortened(sentence: str) -> str:
@@ -92,8 +108,20 @@ def shortened(sentence: str) -> str:
 
 def program(command: ModuleType | None = None) -> NoReturn:
     """Run the command line's command, or the one that is a program of its own, and end the process."""
+    listen()
     show_safely()
-    leave(main() if command is None else script(command))
+    os.environ["MPLBACKEND"] = "Agg"  # pictures are files; a notebook's backend, inherited, may not be here
+    try:
+        options = (make_parser() if command is None else script_parser(command)).parse_args()
+        if options.begins:
+            print(options.begins, file=sys.stderr, flush=True)  # before a command imports what takes seconds
+        code = carry_out(options)
+    except SystemExit as stop:  # --help, a refusal of words; a training that has saved
+        sys.exit(all_said(int(stop.code or 0)))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = stopped() or INTERRUPTED
+    leave(all_said(code))
 
 
 def check_paths(options: argparse.Namespace) -> None:

@@ -1,6 +1,8 @@
 """`garment-jax export`: sequence files for other programs, models as ONNX."""
 
 import argparse
+import sys
+from functools import partial
 from pathlib import Path
 
 from garment_jax.api.written_as import NEXT
@@ -113,8 +115,16 @@ def _run_onnx(options: argparse.Namespace, given: dict) -> None:
         clip=options.clip,
         detail=not options.no_detail,
         force=options.force,
+        say=partial(print, file=sys.stderr, flush=True),
     )
     for name, file in facts.pop("files").items():
         print(f"{name}: {file['megabytes']:.3g} MB, {file['nodes']} nodes")
+    inputs = facts.pop("frame_departure", 0.0)  # of the motion features, in units of their own
+    garment = [facts.pop(name) for name in list(facts) if name.endswith("_departure")]
     for name, value in facts.items():
-        print(f"{name.replace('_', ' ')}: {value:.3g}" if name.endswith("_departure") else f"{name}: {value}")
+        print(f"{name}: {value}")
+    if garment:
+        print(
+            f"checked beside JAX: largest departure {1e3 * max(garment):.2g} mm, "
+            f"of a frame's inputs {inputs:.2g}"
+        )

@@ -37,7 +37,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--out", help="sequence file to write (default: MOTION's name + _pred.h5, here)")
     add_force(parser)
     add_options(parser)
-    parser.set_defaults(run=run, stopped="interrupted; nothing was written")
+    parser.set_defaults(begins="", run=run, stopped="interrupted; nothing was written")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -56,6 +56,6 @@ def run(options: argparse.Namespace) -> None:
         from garment_jax.io.content_hash import stored_attribute
 
         if stored_attribute(Path(motion), "kind") == "simulated":
-            say_next("evaluate", out, motion, why="how far it is from the simulation")
+            say_next("evaluate", Path(out), Path(motion), why="how far it is from the simulation")
         else:
-            say_next("view", out)
+            say_next("view", Path(out))

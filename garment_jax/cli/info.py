@@ -20,7 +20,7 @@ def add(commands) -> None:
     parser.add_argument("paths", nargs="+", type=Path, help="sequence files, runs, models")
     parser.add_argument("--json", action="store_true", help="machine-readable, one object per path")
     parser.add_argument("--all", action="store_true", help="every fact, not ten lines")
-    parser.set_defaults(run=run)
+    parser.set_defaults(begins="", run=run)
 
 
 def run(options: argparse.Namespace) -> int:

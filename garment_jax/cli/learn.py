@@ -61,7 +61,7 @@ def add(commands) -> None:
         help="motions to keep back and measure on (default: a quarter; of fewer than four, their ends)",
     )  # fmt: skip
     add_motion_options(group)
-    parser.set_defaults(run=run, stopped=GOES_ON)
+    parser.set_defaults(begins="", run=run, stopped=GOES_ON)
 
 
 def run(options: argparse.Namespace) -> None:

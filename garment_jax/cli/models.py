@@ -19,7 +19,7 @@ def add(commands) -> None:
         description="What `garment-jax animate NAME` takes. RMSE is the mean over the test clips of "
         "figures.json, ms a frame that of variants.json or figures.json, on the machines named there.",
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(begins="", run=run)
 
 
 def run(options: argparse.Namespace) -> None:

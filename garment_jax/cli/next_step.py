@@ -7,7 +7,10 @@ from pathlib import Path
 
 def say_next(*words: str | Path, why: str = "") -> None:
     """Print a command of this package as a shell takes it, with `why` as its comment."""
-    say_step(f"{shlex.join(['garment-jax', *map(str, words)])}{why and f'  # {why}'}")
+    typed = [
+        f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words
+    ]
+    say_step(f"{shlex.join(['garment-jax', *typed])}{why and f'  # {why}'}")
 
 
 def say_step(text: str) -> None:

@@ -36,7 +36,20 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{self.prog} has no use for {left[0]!r} there; inputs come first, then options")
         if overrides:
             found.overrides = overrides  # type: ignore[union-attr]
+        if "begins" not in found:  # a subparser's stays
+            found.begins = self._first_line(found)  # type: ignore[union-attr]
         return found, left
+
+    def _first_line(self, found: argparse.Namespace) -> str:
+        """Return the command with its inputs and `--out`: "export: walk.h5 -> walk.glb"."""
+        read: list[str] = []
+        for action in self._get_positional_actions():
+            value = getattr(found, action.dest, None)
+            read += map(str, value if isinstance(value, list) else [] if value is None else [value])
+        more = f" and {len(read) - 3} more" if len(read) > 3 else ""
+        out = getattr(found, "out", None)
+        into = "" if out is None else f" -> {out}"
+        return f"{self.prog.removeprefix('garment-jax ')}: {' '.join(read[:3])}{more}{into}"
 
     def error(self, message: str) -> NoReturn:
         """End with the sentence and exit code 2."""

@@ -4,6 +4,7 @@ A clip's name comes from a stranger and may hold escape codes that rewrite the s
 UTF-8; a terminal may know ASCII only. All that is printed passes here, so that no command need think of it.
 """
 
+import os
 import re
 import sys
 import warnings
@@ -21,13 +22,35 @@ def printable(text: str) -> str:
 
 
 class _Shown:
-    """A text stream that writes what is printable and passes all else on."""
+    """A text stream that writes what is printable and passes all else on.
+
+    Where nobody reads any more (head, less), or a disk is full, the work goes on without a word.
+    """
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
+        self.lost = ""  # why what was written is not there, of those who would want it
 
     def write(self, text: str) -> int:
-        return self._stream.write(printable(text))
+        try:
+            return self._stream.write(printable(text))
+        except OSError as error:
+            self._fall_silent(error)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            self._fall_silent(error)
+
+    def _fall_silent(self, error: OSError) -> None:
+        """Let all that is still to come, and what waits in the stream, go nowhere."""
+        if not isinstance(error, BrokenPipeError):
+            self.lost = self.lost or error.strerror or str(error)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
 
     def writelines(self, lines: Any) -> None:
         for line in lines:
@@ -48,3 +71,14 @@ def show_safely() -> None:
         setattr(sys, name, _Shown(stream))
     if not sys.warnoptions:  # neither -W nor PYTHONWARNINGS
         warnings.simplefilter("ignore")
+
+
+def all_said(code: int) -> int:
+    """Return the exit code: `code`, or 2 where standard output has lost what was printed, which is said."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    lost = getattr(sys.stdout, "lost", "")
+    if lost:
+        print(f"error: standard output was not written ({lost}); send it elsewhere.", file=sys.stderr)
+    return max(code, 2) if lost else code

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from contextlib import nullcontext
+from pathlib import Path
 
 from garment_jax.cli.next_step import say_next
 from garment_jax.cli.parser import Parser, add_command
@@ -51,7 +52,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--processes", metavar="N", type=int, help="by hand: how many there are")
     parser.add_argument("--process", metavar="I", type=int, help="by hand: which this is, 0 to N - 1")
     parser.add_argument("--tensorboard", action="store_true", help="also log for TensorBoard (extra)")
-    parser.set_defaults(run=run, overrides=[], stopped=GOES_ON)
+    parser.set_defaults(begins="", run=run, overrides=[], stopped=GOES_ON)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -87,7 +88,9 @@ def run(options: argparse.Namespace) -> None:
         return
     print(f"trained: {folder}")
     if options.stage != "all":
-        say_next("train", options.config, "--data", data, "--run-dir", run_dir, why="the other stages")
+        say_next(
+            "train", options.config, "--data", Path(data), "--run-dir", Path(run_dir), why="the other stages"
+        )
         return
     say_next("animate", folder, why="see it move")
     say_next("save", folder, why="a model's folder to keep")

@@ -1,11 +1,12 @@
 """`garment-jax view`: a page that plays sequence files in a browser."""
 
 import argparse
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from garment_jax.cli.next_step import say_step
 from garment_jax.cli.parser import add_command, add_force
+from garment_jax.progress import FrameProgress
 
 EXAMPLES = """  garment-jax view pred.h5 truth.h5 --out page.html    both, and the error in colours
   garment-jax view walk.h5                              walk.html"""
@@ -46,21 +47,24 @@ def run(options: argparse.Namespace) -> None:
     out = options.out or Path(f"{options.paths[0].stem}.html")
     names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm", "force")
     settings = {name: getattr(options, name) for name in names}
-    written = view_files(
-        options.paths, out, body=not options.no_body, report=_report(sys.stderr.isatty()), **settings
-    )
+    written = view_files(options.paths, out, body=not options.no_body, report=_report(), **settings)
     for note in written.notes:
         print(note)
     print(f"{written.path}  {written.bytes / 1e6:.1f} MB")
     say_step(f"open {written.path} in a browser")
 
 
-def _report(shown: bool):
-    """Return what draws a line of progress, if anybody looks."""
+def _report() -> Callable[[str, int, int], None]:
+    """Return what shows the frames of each part of the work."""
+    parts: dict[str, FrameProgress] = {}
 
     def line(what: str, done: int, of: int) -> None:
-        if shown:
-            end = "\n" if done == of else ""
-            print(f"\r{what}: {done} of {of} frames", end=end, file=sys.stderr, flush=True)
+        if what in parts:
+            parts[what](done, of)
+        else:
+            parts[what] = FrameProgress(what)
+            parts[what].begin(done)
+        if done == of:
+            parts[what].clear()
 
     return line

@@ -133,7 +133,16 @@ def _measure(
         frame["sted_temporal"] = temporal[inner]  # one fewer at the clip's end
         for prefix, x in (("", V), ("truth_", V_star)):
             frame |= {prefix + k: v[inner] for k, v in speed(x, q.fps).items()}  # one fewer at the clip's end
-        sampled = sampled_frames(V[inner], V_star[inner], q, tables, start, yaw[start:stop], every)
+        sampled = sampled_frames(
+            V[inner],
+            V_star[inner],
+            q,
+            tables,
+            start,
+            yaw[start:stop],
+            every,
+            measured=lambda frame: progress(frame + 1, q.frames),
+        )
         zero = np.zeros((stop - start, 3))
         hem = {
             name: to_root(x[inner][:, tables.hem], zero, yaw[start:stop])

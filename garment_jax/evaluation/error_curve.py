@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from garment_jax.evaluation.determined import PARTED_CM, determined_frames
 from garment_jax.evaluation.drawn_by import WRITER
@@ -16,9 +16,6 @@ def save_error_curve(
     path: Path, rmse_cm: np.ndarray, largest_cm: np.ndarray, *, fps: float, title: str
 ) -> None:
     """Plot per-frame RMSE and largest vertex distance `[t]`, both in cm, over seconds; write a PNG."""
-    matplotlib.use("Agg")  # headless: never look for a display
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 3), dpi=120, layout="constrained")
     axes = figure.subplots()
     seconds = np.arange(len(rmse_cm)) / fps
@@ -40,9 +37,6 @@ def save_curves(path: Path, clips: Sequence[Mapping[str, Any]]) -> None:
     `clips` are figures of `evaluate_files`. Where they have a second simulation (S), its distance from the
     first is drawn as well, and the frames that it determines are shaded.
     """
-    matplotlib.use("Agg")  # headless: never look for a display
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 0.6 + 1.5 * len(clips)), dpi=120, layout="constrained")
     rows = figure.subplots(len(clips), 1, squeeze=False, sharey=True)[:, 0]
     for axes, clip in zip(rows, clips, strict=True):

@@ -46,4 +46,6 @@ def _itself(how: _How) -> _How:
 
 def _evaluate(how: _How, pair: Pair) -> dict[str, Any]:
     with FrameProgress(pair.pred.stem) if how.show else nullcontext() as progress:
+        if progress:
+            progress.say("measuring")
         return evaluate_files(pair.pred, pair.truth, every=how.every, again=pair.again, progress=progress)

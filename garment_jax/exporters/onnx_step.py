@@ -6,6 +6,7 @@ garment where the model has a column RNN, `NAME.attach.onnx` brings a pinned gar
 """
 
 import json
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -48,15 +49,16 @@ def export_step(
     opset: int | None = None,
     check: bool = True,
     force: bool = False,
+    say: Callable[[str], object] = lambda text: None,
 ) -> dict[str, Any]:
     """Write the step of a run or model as ONNX graphs: `out` and, beside it, what goes with it.
 
     `clip` is any sequence file of the garment, by default the model's own sample: template, faces, UVs and
     body are the clip's. `check` runs the graphs over its first frames and compares them with
-    JAX; `force` replaces graphs that are there. Returns the facts: files with megabytes and nodes, and what
-    the check measured. Raises `ValueError`, `OSError` or `FileNotFoundError` for a model or clip that does
-    not fit, an operator set that is not written here, a graph that departs from JAX by more than 0.1 mm, or a
-    missing package.
+    JAX; `force` replaces graphs that are there; `say` gets a line before the long part. Returns the facts:
+    files with megabytes and nodes, and what the check measured. Raises `ValueError`, `OSError` or
+    `FileNotFoundError` for a model or clip that does not fit, an operator set that is not written here, a
+    graph that departs from JAX by more than 0.1 mm, or a missing package.
     """
     out, opset = Path(out), OPSET if opset is None else opset
     if out.suffix != ".onnx":
@@ -72,6 +74,8 @@ def export_step(
     for path in [out, *(out.with_suffix(f".{kind}.onnx") for kind in _BESIDE)]:
         check_free(path, force)
     subject = load_subject(run_or_model, clip, frames=CHECKED_FRAMES)
+    count = 3 + (subject.template.ring is not None) + (subject.scene.pins is not None)
+    say(f"building {'and checking ' * check}{count} graphs")
     graphs = {
         out: _step_graph(subject, detail, opset),
         out.with_suffix(".start.onnx"): _start_graph(subject, opset),

@@ -9,6 +9,8 @@ from contextlib import AbstractContextManager
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
+from garment_jax.machine import absent_device
+
 K = TypeVar("K")
 
 
@@ -119,6 +121,8 @@ def tried(work: Work, prepared: Any, job: Any) -> Outcome:
 def _failed(error: Exception) -> Outcome:
     if isinstance(error, ValueError | OSError):
         return Outcome(None, str(error))
+    if sentence := absent_device():
+        return Outcome(None, sentence)
     traceback.print_exc(file=sys.stderr)
     said = " ".join(str(error).split())[:200]
     return Outcome(None, f"a fault of garment-jax itself, please report it: {type(error).__name__}: {said}")

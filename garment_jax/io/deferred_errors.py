@@ -16,24 +16,31 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Hold Ctrl-C back until the block ends; then it does what it would have done.
 
-    On another thread than the main one nothing is held back: signals never come there.
+    So with SIGTERM and SIGHUP, where they raise. On another thread than the main one nothing is held back:
+    signals never come there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     seen: list[tuple[int, Any]] = []
-    before = signal.signal(signal.SIGINT, lambda *at: seen.append(at))
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    held = {number: does for number, does in before.items() if callable(does)}
+    for number in held:
+        signal.signal(number, lambda *at: seen.append(at))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-        if seen and callable(before):
-            before(*seen[0])
+        for number, does in held.items():
+            signal.signal(number, does)
+        if seen:
+            held[seen[0][0]](*seen[0])
 
 
 class GuardedFile:

@@ -14,6 +14,8 @@ from garment_jax.simulation.settings import ClothSettings
 from garment_jax.simulation.start import ClothState, check_motion
 from garment_jax.structs import Motion
 
+BEGINNING = "starting the engine"
+
 
 class Floor(NamedTuple):
     """The difference between a clip and its restart."""
@@ -62,14 +64,17 @@ def floor_of(
         state = ClothState(now, 0.5 * whole.fps * (after - before))
         cloth, counted = NewtonCloth(sequence.scene, settings, flat), []
         with FrameProgress(sequence.name) as progress:
+            progress.say(BEGINNING)
             for frame in cloth.frames(motion, state):
                 counted.append(np.asarray(frame, np.float32))
                 progress(len(counted), len(motion.root))
         V = np.stack(counted)
         return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)
     with FrameProgress("drape") as progress:
+        progress.say(BEGINNING)
         draped = drape(sequence.scene, settings, flat=flat, progress=progress)
     with FrameProgress(sequence.name) as progress:
+        progress.say(BEGINNING)
         again = simulate_frames(sequence.scene, motion, settings, drape=draped, flat=flat, progress=progress)
         V = np.stack([np.asarray(frame, np.float32) for frame in again])
     return Floor(sequence.name, start, rmse_per_frame(V, sequence.read(start, stop)), motion, V)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from garment_jax.stability.case import Curve
 from garment_jax.storage.whole import written_whole
@@ -50,7 +51,6 @@ SHOWN = 12  # lines with a name of their own; the rest is grey
 
 def save_plots(folder: Path, curves: Sequence[Curve]) -> list[Path]:
     """Write one PNG a picture named in `curves` into `folder`; return the paths."""
-    matplotlib.use("Agg")  # headless: never look for a display
     paths = []
     for name in dict.fromkeys(curve.plot for curve in curves):
         path = folder / f"stability_{name}.png"
@@ -60,8 +60,6 @@ def save_plots(folder: Path, curves: Sequence[Curve]) -> list[Path]:
 
 
 def _save(path: Path, style: Style, curves: Sequence[Curve]) -> None:
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 4.2), dpi=120, layout="constrained")
     axes = figure.subplots()
     named = _most_telling(curves)

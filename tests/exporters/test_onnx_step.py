@@ -190,9 +190,16 @@ def test_the_facts_hold_sizes_and_departures(folder: Path):
 
 
 def test_without_detail_the_garment_is_the_state(folder: Path):
+    said: list[str] = []
     facts = export_step(
-        folder / "tiny", folder / "plain.onnx", clip=folder / "clip.h5", detail=False, check=False
+        folder / "tiny",
+        folder / "plain.onnx",
+        clip=folder / "clip.h5",
+        detail=False,
+        check=False,
+        say=said.append,
     )
+    assert said == [f"building {len(facts['files'])} graphs"]
     assert not facts["detail"]
     assert "step_departure" not in facts
     graph = open_graph((folder / "plain.onnx").read_bytes())
@@ -240,14 +247,19 @@ def test_what_does_not_fit_is_refused_in_a_sentence(folder: Path):
 def test_a_model_by_its_name_is_exported_with_its_own_sample(folder: Path, monkeypatch, capsys):
     asked = []
     files = {"files": {"a.onnx": {"megabytes": 15.476, "nodes": 441}}, "opset": 17, "step_departure": 2.4e-7}
+    files |= {"start_departure": 0.0, "frame_departure": 3.1e-6}
     monkeypatch.chdir(folder)
     monkeypatch.setattr(onnx_step, "export_step", lambda *a, **k: asked.append((a, k)) or dict(files))
     assert main(["export", "cape", "--format", "onnx", "--out", "a.onnx"]) == 0
     (source, out), options = asked[0]
     assert (source, out, options["clip"]) == (shipped_model("cape"), Path("a.onnx"), None)
     assert capsys.readouterr().out.splitlines() == [
-        "a.onnx: 15.5 MB, 441 nodes", "opset: 17", "step departure: 2.4e-07"
-    ]  # fmt: skip
+        "a.onnx: 15.5 MB, 441 nodes",
+        "opset: 17",
+        "checked beside JAX: largest departure 0.00024 mm, of a frame's inputs 3.1e-06",
+    ]
+    options["say"]("building")
+    assert capsys.readouterr().err == "building\n"
 
 
 def test_a_missing_package_names_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch):

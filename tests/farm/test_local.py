@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.farm.local import LOSSES, LocalFarm, in_order
-from garment_jax.farm.work import Outcome, Work
+from garment_jax.farm.work import Outcome, Work, tried
 from tests.farm.jobs import DOUBLE, UNABLE, die, folder_of
 
 JOBS = {"a": 1, "b": "refused", "c": 3, "d": "fault", "e": 5}
@@ -63,3 +63,13 @@ def test_in_order_is_in_order_and_raises() -> None:
 def test_no_workers_are_refused(workers: int) -> None:
     with pytest.raises(ValueError, match=f"workers={workers} must be 1 or more"):
         LocalFarm(workers)
+
+
+def test_a_device_that_is_not_here_is_said_of_each_job(monkeypatch: pytest.MonkeyPatch):
+    def absent(*_: object) -> None:
+        raise RuntimeError("Unable to initialize backend")
+
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    monkeypatch.setattr("jax.devices", absent)
+    outcome = tried(Work(dict, absent), {}, 1)
+    assert outcome.error == "JAX_PLATFORMS=cuda names a device that is not here; unset it, or set it to cpu."

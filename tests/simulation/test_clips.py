@@ -206,6 +206,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_simulated(tmp_pat
 def test_frames_are_counted_on_stderr(tmp_path: Path, scene, jobs, monkeypatch, capsys):
     pytest.importorskip("newton")
     monkeypatch.setattr(progress, "_LINE_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "_FIRST_SECONDS", 0.0)
     simulate_clips(scene, jobs, tmp_path, SETTINGS, limits=LOOSE, progress=lambda _: None)
     lines = capsys.readouterr().err.splitlines()
     names = [line.split(",")[0] for line in lines]

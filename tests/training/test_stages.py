@@ -61,6 +61,7 @@ def canonical(folder: Path):
 
 def test_true_codes_are_the_encoders_means_of_every_clip_and_cached(run: Run, capsys, monkeypatch):
     monkeypatch.setattr(progress, "_LINE_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "_FIRST_SECONDS", 0.0)
     params = tiny_model().params["generative"]
     Z = true_latents(run, params)
     assert [z.shape for z in Z] == [(9, 8), (9, 8)]
