@@ -15,6 +15,7 @@ from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.model.scene_file import Sample, sample_of, write_sample
 from garment_jax.model.shipped import find_model
 from garment_jax.model.store import save_model
+from garment_jax.structs import Motion
 from tests.animation.tiny_model import SCENE, tiny_model
 from tests.reference.files import write_bvh
 from tests.reference.scene import make_motion, make_scene, write_clip
@@ -112,6 +113,24 @@ def test_a_folder_of_motions_becomes_a_folder_of_files_and_compiles_once(model: 
             assert arrays["vertices"].shape == (frames, len(SCENE.garment.template), 3)
             assert "body_vertices" not in arrays
     assert len(made) == 1
+
+
+def test_each_motion_of_a_folder_begins_after_its_own_rest_pose(model: str, here: Path, quick, capsys):
+    (here / "moves").mkdir()
+    for name, rest in (("a", 2), ("b", 4)):
+        motion = make_motion(SCENE, 50)
+        root = np.concatenate([np.repeat(motion.root[:1] + [1.0, 0.0, 0.0], rest, axis=0), motion.root])
+        turns = np.concatenate([np.repeat(motion.rotations[:1], rest, axis=0), motion.rotations])
+        write_bvh(here / "moves" / f"{name}.bvh", SCENE.body, Motion(turns, root, 30.0))
+    words = ["animate", model, "moves", "--format", "h5", *FAST]
+    assert main([*words, "--out", "made/"]) == 0
+    said = capsys.readouterr().out
+    assert "a.bvh: 2 rest-pose frames left out (--skip 0 keeps them)" in said
+    assert "b.bvh: 4 rest-pose frames left out" in said
+    assert [len(vertices(here / "made" / name)) for name in ("a.h5", "b.h5")] == [50, 50]
+    assert main([*words, "--out", "kept/", "--skip", "1"]) == 0
+    assert "b.bvh: it jumps out of a rest pose; --skip 4 leaves that out" in capsys.readouterr().out
+    assert [len(vertices(here / "kept" / name)) for name in ("a.h5", "b.h5")] == [51, 53]
 
 
 @pytest.mark.parametrize(

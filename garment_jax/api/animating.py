@@ -112,7 +112,7 @@ def _files(
         opened_of(model),
         Sample(model.scene, model.motion, model.name),
         shape=shape,
-        own=Options(floor=True),
+        own=Options(floor=True, skip=None),
         asked=asked,
         force=force,
     )

@@ -54,7 +54,7 @@ def add(commands) -> None:
     parser.add_argument("--format", choices=tuple(ENDINGS), help="where --out is a folder (default html)")
     add_force(parser)
     parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
-    add_motion_options(parser.add_argument_group("the motions"))
+    add_motion_options(parser.add_argument_group("the motions"), skip=None)
     add_options(parser.add_argument_group("the model"))
     group = parser.add_argument_group("what is written")
     group.add_argument("--no-body", action="store_true", help="the garment alone")

@@ -192,7 +192,7 @@ def test_a_bvh_that_does_not_fit_is_refused_by_file(tmp_path: Path):
     scene = make_scene()
     motion = make_motion(scene, 12)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion)
-    with pytest.raises(ValueError, match=r"walk\.bvh: skip = 40 leaves nothing of 12 frames"):
+    with pytest.raises(ValueError, match=r"walk\.bvh: --skip 40 leaves nothing of 12 frames"):
         motion_jobs([tmp_path], scene.body, fps=30.0, skip=40)
     jump = motion.root + np.where(np.arange(12)[:, None] >= 1, 2.0, 0.0)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion._replace(root=jump))
