@@ -202,6 +202,53 @@ def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys
     assert main(["animate", model, "--plan"]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "the plan"
     assert names(here) == []
+    (here / "tiny.html").write_text("of an animation before")
+    assert main(["animate", model, "--plan"]) == 0
+    assert (here / "tiny.html").read_text() == "of an animation before"
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.webp", "a.png", "a.html"])
+def test_start_and_stop_cut_what_is_written(model: str, here: Path, quick, name: str) -> None:
+    words = ["animate", model, "--out", name, "--height", "32", *FAST, "--start", "4", "--stop", "8"]
+    assert main([*words, *(["--frame-offset", "1"] if name == "a.npz" else [])]) == 0
+    if name == "a.npz":
+        with np.load(here / name) as arrays:
+            assert (len(arrays["vertices"]), arrays["first_frame"]) == (4, 1)
+            moved = SAMPLE.motion.root[7] - SAMPLE.motion.root[4]
+            V = arrays["vertices"]
+            np.testing.assert_allclose(V[3] - V[0], np.broadcast_to(moved, V[0].shape), atol=1e-4)
+    if name == "a.webp":
+        from PIL import Image
+
+        with Image.open(here / name) as film:
+            assert film.n_frames == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--start", "10"], "has 10 frames; --start 10 --stop 10 must fit 0 <= start < stop <= 10"),
+        (["--stop", "11", "--out", "a.usdc"], "--start 0 --stop 11 must fit"),
+        (["--start", "2", "--out", "a.h5"], "--start 2 is for pages, pictures and meshes, not for h5"),
+        (
+            ["--frame-offset", "1", "--out", "a.glb"],
+            "--frame-offset 1 is for meshes whose frames have numbers",
+        ),
+        (["--frame-offset", "-1", "--out", "a.npz"], "--frame-offset -1 is out of range; give 0 to 1000000."),
+    ],
+)
+def test_a_cut_that_is_none_is_refused_before_the_work(
+    model: str, here: Path, monkeypatch, capsys, words: list[str], said: str
+) -> None:
+    monkeypatch.setattr("garment_jax.api.animating.infer_motion", None)
+    assert said in refused([model, *words], capsys)
+    assert names(here) == []
+
+
+def test_a_shard_without_motions_says_so(model: str, here: Path, capsys) -> None:
+    assert main(["animate", model, "--shard", "2/2"]) == 0
+    assert capsys.readouterr().err == "shard 2/2: 0 motions\n"
+    assert names(here) == []
 
 
 def refused(words: list[str], capsys) -> str:

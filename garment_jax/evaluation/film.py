@@ -27,9 +27,11 @@ def film_file(
     *,
     height: int = 480,
     azimuth: float = 35.0,
+    start: int = 0,
+    stop: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write the film `out` of a sequence file, `height` pixels high, and return it.
+    """Write the film `out` of frames `start … stop - 1` of a sequence file, `height` pixels high; return it.
 
     The camera follows the body and keeps its direction, `azimuth` degrees from the first frame's front. A
     .mp4 (30 frames a second) needs ffmpeg; a .webp and a .gif have 15. `progress` is called with the frames
@@ -40,7 +42,9 @@ def film_file(
     check_height(height)
     with open_sequence(path) as clip, written_whole(out) as (made,):
         rate = min(FPS[suffix], clip.fps)
-        shown = film_frames(clip.frames, clip.fps, film_fps=FPS[suffix], seconds=clip.frames / clip.fps)
+        frames = np.array(clip.cut(start, stop))
+        seconds = len(frames) / clip.fps
+        shown = frames[film_frames(len(frames), clip.fps, film_fps=FPS[suffix], seconds=seconds)]
         pictures = _pictures(clip, shown, height, azimuth, progress)
         if suffix == ".gif":
             save_gif(made, pictures, film_fps=rate)
@@ -51,11 +55,14 @@ def film_file(
     return out
 
 
-def still_file(path: str | Path, out: str | Path, *, height: int = 480) -> Path:
-    """Write the picture `out`, a PNG, of a sequence file's middle frame and return it."""
+def still_file(
+    path: str | Path, out: str | Path, *, height: int = 480, start: int = 0, stop: int | None = None
+) -> Path:
+    """Write the picture `out`, a PNG, of the middle one of frames `start … stop - 1` and return it."""
     check_height(height)
     with open_sequence(path) as clip, written_whole(Path(out)) as (made,):
-        frame = clip.frames // 2
+        frames = clip.cut(start, stop)
+        frame = frames[len(frames) // 2]
         garment = read_frames(clip, np.array([frame]))[0]
         made.write_bytes(frame_portrait(clip.scene, clip.motion, frame, garment, height=height))
     return Path(out)

@@ -63,6 +63,16 @@ class Sequence:
         """The whole motion in memory; it stays usable when the file is closed."""
         return self.long_motion._replace(rotations=np.asarray(self.long_motion.rotations))
 
+    def cut(self, start: int = 0, stop: int | None = None) -> range:
+        """Return the numbers of frames `start … stop - 1` (None: to the end); `ValueError` for none."""
+        stop = self.frames if stop is None else stop
+        if not 0 <= start < stop <= self.frames:
+            raise ValueError(
+                f"{self.path} has {self.frames} frames; --start {start} --stop {stop} must fit "
+                f"0 <= start < stop <= {self.frames}."
+            )
+        return range(start, stop)
+
     def read(self, start: int, stop: int) -> np.ndarray:
         """Return the garment's vertices of frames `start … stop - 1`, `[k, n, 3]` float32 world metres.
 

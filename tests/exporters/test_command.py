@@ -176,6 +176,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, clip: Path, format: str, monkeypa
         (["--out", "a.obj", "--format", "obj"], "fill a folder; name it without .obj"),
         (["--out", "a.mdd", "--fps", "0"], "--fps 0 is out of range"),
         (["--out", "a.mdd", "--fps", "nan"], "--fps nan is out of range"),
+        (["--out", "a.mdd", "--fps", "1e-30"], "--fps 1e-30 is out of range; give 1 to 10000"),
         (["--out", "a.mdd", "--start", "20"], "has 20 frames; --start 20 --stop 20 must fit"),
         (["--out", "a.mdd", "--stop", "21"], "--start 0 --stop 21 must fit"),
         (["--out", "a.mdd", "--every", "2"], "--every 2 is for --format glb"),
