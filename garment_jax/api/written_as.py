@@ -118,7 +118,7 @@ def _pictures(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
     with FrameProgress(f"{title}, pictures") as progress:
         if made.suffix.lower() == ".png":
             return still_file(sequence, made, **asked)
-        return film_file(sequence, made, **asked, progress=progress)
+        return film_file(sequence, made, **asked, progress=progress, say=progress.say)
 
 
 def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]:

@@ -22,7 +22,15 @@ from garment_jax.evaluation.drawn_by import png_text
 from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
-from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
+from garment_jax.evaluation.view import (
+    Framing,
+    body_at,
+    camera_at,
+    frame_clips,
+    outermost_frames,
+    picture,
+    read_frames,
+)
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.overwriting import check_free
 from garment_jax.storage.whole import written_whole
@@ -237,7 +245,7 @@ def _film(
 ) -> None:
     """Write the film, one frame of the clip in memory at a time beside the finished pictures."""
     clip = clips[-1]
-    probe = shown[:: max(len(shown) // 12, 1)]
+    probe = outermost_frames(clips, shown, azimuth=azimuth)
     bodies, root, yaw = body_at(clip, probe)
     garments = [read_frames(c, probe) for c in clips]
     framing = frame_clips(

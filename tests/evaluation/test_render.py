@@ -6,8 +6,12 @@ from PIL import Image
 from garment_jax.evaluation import render
 from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
 from garment_jax.evaluation.colours import HEAT, heat, round_scale
+from garment_jax.evaluation.film import film_file
 from garment_jax.evaluation.render import render_files
 from garment_jax.evaluation.shading import vertex_normals
+from garment_jax.evaluation.view import body_at, frame_clips, outermost_frames, read_frames
+from garment_jax.io.sequence import SequenceWriter, open_sequence
+from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene, write_clip
 
 
@@ -138,6 +142,37 @@ def test_scale_is_round_and_covers_99_of_100():
     assert round_scale(np.full(10, 0.3)) == pytest.approx(0.3)
     assert round_scale(np.zeros(10)) == 1.0
     assert round_scale(np.append(np.full(999, 2.0), 90.0)) == 2.0
+
+
+def test_a_film_holds_the_frame_in_which_a_limb_or_the_cloth_reaches_farthest(tmp_path):
+    """Each between two of the frames that are spread over the film."""
+    scene = make_scene()
+    motion, shown = make_motion(scene, 60), np.arange(60)
+    still = Motion(np.repeat(motion.rotations[:1], 60, 0), np.repeat(motion.root[:1], 60, 0), motion.fps)
+    still.rotations[33] = still.rotations[33] @ np.diag(np.array([1, -1, -1], np.float32))  # upside down
+    path = tmp_path / "clip.h5"
+    with SequenceWriter(path, scene, still, encoding="float32") as writer:
+        V = np.repeat(scene.garment.template[None], 60, 0)
+        V[47, 0] += [5.0, 0.0, 5.0]
+        writer.append(V)
+    with open_sequence(path) as clip:
+        probes = outermost_frames([clip], shown, azimuth=35.0)
+        assert {0, 33, 47} <= set(probes.tolist())
+        assert len(probes) < 20
+        chosen, every = (
+            frame_clips(
+                body, [read_frames(clip, frames)], root, yaw, height=48, follow=False, whole_body=True
+            )
+            for frames in (probes, shown)
+            for body, root, yaw in [body_at(clip, frames)]
+        )
+        assert chosen == every
+
+
+def test_a_film_says_that_it_is_encoded_after_its_last_frame(pair, tmp_path):
+    told: list = []
+    film_file(pair[0], tmp_path / "a.webp", height=32, progress=lambda *at: told.append(at), say=told.append)
+    assert told[-2:] == [(6, 6), "encoding"]
 
 
 @pytest.mark.parametrize(("name", "save"), [("a.gif", save_gif), ("a.webp", save_webp)])
