@@ -245,6 +245,26 @@ def test_a_cut_that_is_none_is_refused_before_the_work(
     assert names(here) == []
 
 
+@pytest.mark.parametrize("command", ["animate", "infer"])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--budget-ms", "nan"], "--budget-ms nan is no time; give milliseconds a frame"),
+        (["--budget-ms", "-1"], "--budget-ms -1 is no time"),
+        (["--budget-ms", "inf"], "--budget-ms inf is no time"),
+        (["--lod", "0"], "--lod 0 is not a size"),
+        (["--preroll", "-1"], "--preroll -1 is negative"),
+        (["--preroll", "999999999"], "--preroll 999999999 is hours of motion"),
+    ],
+)
+def test_a_number_that_means_nothing_is_refused_before_a_model_is_looked_for(
+    here: Path, capsys, command: str, words: list[str], said: str
+) -> None:
+    assert main([command, "nothere", "walk.h5", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {said}")
+
+
 def test_a_shard_without_motions_says_so(model: str, here: Path, capsys) -> None:
     assert main(["animate", model, "--shard", "2/2"]) == 0
     assert capsys.readouterr().err == "shard 2/2: 0 motions\n"

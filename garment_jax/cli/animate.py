@@ -77,11 +77,12 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.api.many_motions import Asked
     from garment_jax.model.shipped import find_model
 
-    folder, shard, o = find_model(options.model), shard_of(options), options
+    shard, o, chosen = shard_of(options), options, wanted(options)
+    folder = find_model(options.model)
     motions, name = list_files(o.motions), folder.resolve().name
     meshes = (o.out_unit, o.out_up, o.blender)
     shape = Shape(not o.no_body, *meshes, o.height, o.every, o.start, o.stop, o.frame_offset)
-    asked = Asked(folder, shape, motion_options(o), wanted(o), o.force, o.plan and o.out is None)
+    asked = Asked(folder, shape, motion_options(o), chosen, o.force, o.plan and o.out is None)
     keys: dict[Output, str] = {}
 
     def going_on(output: Output) -> bool:

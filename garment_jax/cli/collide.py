@@ -38,10 +38,15 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.io.overwrite_checks import check_sequence_name
+    from garment_jax.model.shipped import check_clips
+
+    out = options.out or Path(f"{options.sequence.stem}_collided.h5")
+    check_clips(options.sequence)
+    check_sequence_name(out)  # before seconds of imports
     from garment_jax.animation.collide import collide_file, summary
     from garment_jax.aot_cache import warm_start
 
-    out = options.out or Path(f"{options.sequence.stem}_collided.h5")
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}
     settings |= {"limbs": False} if options.no_limbs else {}

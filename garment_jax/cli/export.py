@@ -58,6 +58,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.exporters.command import choose_format, export_file
+    from garment_jax.model.shipped import check_clips
 
     given = _given(options)
     if options.out is None:
@@ -67,6 +68,7 @@ def run(options: argparse.Namespace) -> None:
         )
     if choose_format(options.out, options.format) == "onnx":
         return _run_onnx(options, given)
+    check_clips(options.source)
     if options.source.is_dir():
         raise ValueError(f"{options.source} is a folder; name a sequence file, or --format onnx for a model.")
     if options.clip or options.no_detail:

@@ -43,7 +43,10 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.evaluation.render import render_files
+    from garment_jax.model.shipped import check_clips
+
+    check_clips(*options.paths)
+    from garment_jax.evaluation.render import render_files  # seconds of imports
 
     if len(options.paths) > 2:
         raise ValueError(
