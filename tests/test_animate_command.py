@@ -288,6 +288,10 @@ def test_what_does_not_fit_is_a_sentence_and_leaves_nothing(model: str, here: Pa
     assert "--out a.xyz: its ending names no format; end it in .html, .glb" in refused(
         [model, "walk.bvh", "--out", "a.xyz"], capsys
     )
+    assert "--out a.fbx: FBX is not written; end it in .glb, .usdc or .abc" in refused(
+        [model, "walk.bvh", "--out", "a.fbx"], capsys
+    )
+    assert ".glb has metres and Y up" in refused([model, "--out", "a.glb", "--out-up", "Z"], capsys)
     assert "is one file and there are 2 motions; name a folder, and --format glb" in refused(
         [model, str(walk), str(other), "--out", "a.glb"], capsys
     )

@@ -69,6 +69,11 @@ def check_able(formats: set[str], shape: Shape) -> None:
     ):
         if value is not None and not formats & takes:
             raise ValueError(f"{option} {value} is for {what}, not for {', '.join(formats)}; leave it out.")
+    if "glb" in formats and (shape.unit or "m", shape.up or "Y") != ("m", "Y"):
+        raise ValueError(
+            ".glb has metres and Y up, which programs that import it turn to their own; leave --out-unit and "
+            "--out-up out."
+        )
     if shape.frame_offset is not None:
         from garment_jax.exporters.clip import FARTHEST  # NumPy
 

@@ -30,8 +30,7 @@ def save_error_curve(
     axes.set_ylim(bottom=0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, loc="upper right", ncols=3, fontsize=8)
-    with written_whole(path) as (made,):
-        figure.savefig(made, format="png", metadata={"Software": WRITER})
+    figure.savefig(path, format="png", metadata={"Software": WRITER})
 
 
 def save_curves(path: Path, clips: Sequence[Mapping[str, Any]]) -> None:

@@ -33,6 +33,7 @@ from garment_jax.evaluation.view import (
 )
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.storage.overwriting import check_free
+from garment_jax.storage.scratch import unmade
 from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time
@@ -63,7 +64,8 @@ def render_files(
     `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
     `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
     sheets and 240 in the film. `force` replaces pictures that are there. `progress` is called with the frames
-    drawn and those to draw, of all sheets and the film together. Returns what was written.
+    drawn and those to draw, of all sheets and the film together. The pictures appear together, when all are
+    drawn. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
     range, an `out` that is a file and pictures that are there without `force`, `OSError` where the folder
@@ -75,6 +77,7 @@ def render_files(
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
+        stack.enter_context(unmade(out))
         _make_folder(out)
         name, title = Path(paths[0]).stem, _title(clips[-1])
         views = [(azimuth, "sheet"), (90.0, "side")] if side_view else [(azimuth, "sheet")]
@@ -83,14 +86,16 @@ def render_files(
         written = [*([curve] if len(clips) == 2 else []), *sheets, *([movie] if animation else [])]
         for path in written:
             check_free(path, force)
+        made = dict(zip(written, stack.enter_context(written_whole(*written)), strict=True))
         if len(clips) == 2:
-            title += f", RMSE {_error_curve(clips, curve):.2f} cm"
+            title += f", RMSE {_error_curve(clips, made[curve]):.2f} cm"
         film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
         drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
         for (angle, _), path in zip(views, sheets, strict=True):
-            _sheet(clips, path, title, frames, height or SHEET_HEIGHT, angle, scale_cm, whole_body, drawn)
+            size = height or SHEET_HEIGHT
+            _sheet(clips, made[path], title, frames, size, angle, scale_cm, whole_body, drawn)
         if animation:
-            _film(clips, movie, azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
+            _film(clips, made[movie], azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
         return written
 
 
@@ -117,15 +122,17 @@ def _check_settings(
     if len(paths) not in (1, 2):
         raise ValueError(f"{len(paths)} files to render; give one clip, or a prediction and its truth.")
     if frames < 1:
-        raise ValueError(f"frames={frames} must be 1 or more; 6 makes a good sheet.")
+        raise ValueError(f"--frames {frames} must be 1 or more; 6 makes a good sheet.")
     if height is not None and not 32 <= height <= 4096:
-        raise ValueError(f"height={height} pixels must lie between 32 and 4096; try 360.")
+        raise ValueError(f"--height {height} pixels must lie between 32 and 4096; try 360.")
     if not 0 < seconds < math.inf:
-        raise ValueError(f"seconds={seconds:g} must be above 0 and finite; try 6.")
+        raise ValueError(f"--seconds {seconds:g} must be above 0 and finite; try 6.")
     if scale_cm is not None and not 0 < scale_cm < math.inf:
-        raise ValueError(f"scale_cm={scale_cm:g} must be above 0 and finite; leave it out for a round one.")
+        raise ValueError(f"--scale-cm {scale_cm:g} must be above 0 and finite; leave it out for a round one.")
     if not math.isfinite(azimuth):
-        raise ValueError(f"azimuth={azimuth:g} must be an angle in degrees; 35 looks from the front's side.")
+        raise ValueError(
+            f"--azimuth {azimuth:g} must be an angle in degrees; 35 looks from the front's side."
+        )
 
 
 def _make_folder(out: Path) -> None:
@@ -171,8 +178,7 @@ def _sheet(
     rows, scale = _rows(clips, garments, bodies, root, yaw, skin, framing, scale_cm, drawn)
     heads = [f"{f / clip.fps:.1f} s" for f in shown]
     sheet = contact_sheet(title, heads, rows, scale)
-    with written_whole(path) as (made,):
-        sheet.save(made, format="PNG", optimize=True, pnginfo=png_text())
+    sheet.save(path, format="PNG", optimize=True, pnginfo=png_text())
 
 
 def _title(clip: Sequence) -> str:
@@ -262,5 +268,4 @@ def _film(
         rows, _ = _rows(clips, garment, body, at, turn, skin, framing, scale_cm, drawn)
         return np.concatenate([row.pictures[0] for row in rows], axis=1)
 
-    with written_whole(path) as (made,):
-        save_gif(made, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))
+    save_gif(path, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))

@@ -65,6 +65,18 @@ def test_a_frame_that_is_not_finite_is_named(tmp_path):
         render_files([path], tmp_path / "out", frames=6, height=60)
 
 
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+def test_pictures_that_are_stopped_leave_nothing(pair, tmp_path, monkeypatch, stop):
+    def stopped(*_, **__):
+        raise stop
+
+    monkeypatch.setattr(render, "save_gif", stopped)
+    out = tmp_path / "new"
+    with pytest.raises(type(stop)):
+        render_files(pair, out, frames=1, height=48, animation=True, seconds=0.1)
+    assert not out.exists()
+
+
 def test_one_clip_gives_one_row(pair, tmp_path):
     written = render_files(pair[1:], tmp_path / "new", frames=2, height=64)
     assert [p.name for p in written] == ["t_sheet.png"]
@@ -89,14 +101,14 @@ def test_the_height_is_the_film_s_too_and_the_head_is_in_view(pair, tmp_path, mo
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"frames": 0}, "frames=0"),
-        ({"height": 5}, "height=5"),
-        ({"seconds": 0.0}, "seconds=0"),
-        ({"seconds": float("nan")}, "seconds=nan must be above 0 and finite"),
-        ({"scale_cm": -1.0}, "scale_cm=-1"),
-        ({"scale_cm": float("inf")}, "scale_cm=inf must be above 0 and finite"),
-        ({"azimuth": float("nan")}, "azimuth=nan must be an angle"),
-        ({"azimuth": float("-inf")}, "azimuth=-inf must be an angle"),
+        ({"frames": 0}, "--frames 0"),
+        ({"height": 5}, "--height 5"),
+        ({"seconds": 0.0}, "--seconds 0"),
+        ({"seconds": float("nan")}, "--seconds nan must be above 0 and finite"),
+        ({"scale_cm": -1.0}, "--scale-cm -1"),
+        ({"scale_cm": float("inf")}, "--scale-cm inf must be above 0 and finite"),
+        ({"azimuth": float("nan")}, "--azimuth nan must be an angle"),
+        ({"azimuth": float("-inf")}, "--azimuth -inf must be an angle"),
     ],
 )
 def test_settings_out_of_range_are_refused(pair, tmp_path, options, words):

@@ -171,7 +171,8 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, clip: Path, format: str, monkeypa
     ("words", "sentence"),
     [
         (["--out", "a.pc2", "--format", "usd"], "a.pc2: --format usd is written to .usd or .usda"),
-        (["--out", "a.fbx"], "a.fbx: its ending names no format; give --format usd|glb|pc2"),
+        (["--out", "a.fbx"], "a.fbx: FBX is not written; end it in .glb, .usdc or .abc"),
+        (["--out", "a.xyz"], "a.xyz: its ending names no format; end it in .usd, .glb, .pc2"),
         (["--out", "frames"], "its ending names no format"),
         (["--out", "a.obj", "--format", "obj"], "fill a folder; name it without .obj"),
         (["--out", "a.mdd", "--fps", "0"], "--fps 0 is out of range"),
