@@ -81,13 +81,22 @@ def check_able(formats: set[str], shape: Shape) -> None:
             raise ValueError(f"--frame-offset {shape.frame_offset} is out of range; give 0 to {FARTHEST}.")
 
 
-def check_cut(sequence: Path, shape: Shape) -> None:
-    """Raise `ValueError` where the frames that are asked for are none of the motion's."""
+def check_frames(sequence: Path, output: Output, shape: Shape) -> list[str]:
+    """Return what a user must know of the frames that will be written of a motion, before they are made.
+
+    Raises `ValueError` where those that are asked for are none of the motion's.
+    """
     from garment_jax.io.sequence import open_sequence
 
-    if shape.start is not None or shape.stop is not None:
-        with open_sequence(sequence) as clip:
-            clip.cut(shape.start or 0, shape.stop)
+    with open_sequence(sequence) as clip:
+        frames = len(clip.cut(shape.start or 0, shape.stop))
+    if output.format != "glb" or shape.every is not None or (every := _fewest(frames)) == 1:
+        return []
+    return [
+        f"{output.path.name}: one frame in {every} is a morph target, as many as viewers take, with straight "
+        "lines between, where cloth may enter the body by a centimetre; .usdc and .abc keep every frame, "
+        "--every says otherwise"
+    ]
 
 
 def write_as(
@@ -128,10 +137,13 @@ def _pictures(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
 
 def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]:
     from garment_jax.exporters.command import export_file
+    from garment_jax.io.sequence import open_sequence
 
     given: dict[str, Any] = {k: v for k, v in shape._asdict().items() if v is not None and k != "height"}
     frames = made.with_name("frames")  # a folder may be called NAME.obj, `export` would take it for a file
-    given = _morph_targets(sequence, made.name, given) if format == "glb" else given
+    if format == "glb" and shape.every is None:
+        with open_sequence(sequence) as clip:
+            given["every"] = _fewest(len(clip.cut(shape.start or 0, shape.stop)))
     with FrameProgress(made.name) as progress:
         report = export_file(
             sequence, frames if format == "obj" else made, format=format, progress=progress, **given
@@ -139,19 +151,8 @@ def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]
     return [frames.rename(made)] if format == "obj" else report.files
 
 
-def _morph_targets(sequence: Path, name: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the export's options with as many frames a morph target as viewers ask for, and say so."""
+def _fewest(frames: int) -> int:
+    """Return how many frames a morph target stands for, so that viewers take them all."""
     from garment_jax.exporters.glb import MOST_TARGETS
-    from garment_jax.io.sequence import open_sequence
 
-    if "every" in given:
-        return given
-    with open_sequence(sequence) as clip:
-        frames = len(clip.cut(given.get("start", 0), given.get("stop")))
-        every = -(-max(frames - 1, 1) // MOST_TARGETS)
-    if every > 1:
-        print(
-            f"{name}: one frame in {every} is a morph target, with straight lines between, for viewers take "
-            f"{MOST_TARGETS}; --every says otherwise, .usdc and .abc hold every frame"
-        )
-    return given | {"every": every}
+    return -(-max(frames - 1, 1) // MOST_TARGETS)
