@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from garment_jax.api.animated import is_begun, is_made, made_of
 from garment_jax.api.outputs import ENDINGS, Output, plan_outputs
 from garment_jax.api.written_as import NEXT, Shape, check_able
+from garment_jax.cli.export import shown_size
 from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
@@ -44,6 +45,7 @@ def add(commands) -> None:
     parser.add_argument(
         "motions",
         nargs="*",
+        default=[],
         type=Path,
         metavar="MOTION",
         help="files or folders (default: the model's sample)",
@@ -170,7 +172,7 @@ def _show_early(shown: list[Path], page: Path) -> bool:
 def _end(files: Sequence[Path], output: Output, *, opening: bool) -> None:
     """Say what was written and what to do with it; open a page."""
     size = sum(p.stat().st_size for file in files for p in ([file] if file.is_file() else file.rglob("*")))
-    print(f"{', '.join(map(str, files))}: {size / 1e6:.1f} MB; next: {NEXT[output.format]}", flush=True)
+    print(f"{', '.join(map(str, files))}: {shown_size(size)}; next: {NEXT[output.format]}", flush=True)
     if opening and open_page(files[0]):
         print("opened in the browser (--no-open leaves that out)", flush=True)
 

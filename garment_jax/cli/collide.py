@@ -28,7 +28,10 @@ def add(commands) -> None:
     )
     parser.add_argument("--whole-body", action="store_true", help="all of the body, not its collider")
     parser.add_argument(
-        "--eps", type=float, metavar="MM", help="distance to keep (default: as when animating)"
+        "--eps",
+        type=float,
+        metavar="MM",
+        help="distance to keep, millimetres, such as 4; default: as when animating",
     )
     parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
     parser.add_argument("--no-limbs", action="store_true", help="leave cloth that a limb has passed through")

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
             **given,
         )
     print(
-        f"{', '.join(map(str, report.files))}: {report.frames} frames, {_size(report.bytes)}, "
+        f"{', '.join(map(str, report.files))}: {report.frames} frames, {shown_size(report.bytes)}, "
         f"{report.frames / report.seconds:.3g} frames/s{report.note and '; '}{report.note}"
     )
     say_step(NEXT[choose_format(options.out, options.format)])
@@ -96,8 +96,9 @@ def _given(options: argparse.Namespace) -> dict:
     return given | ({"body": False} if options.no_body else {})
 
 
-def _size(size: int) -> str:
-    return f"{size / 2**20:.1f} MB" if size >= 2**20 else f"{size / 1024:.0f} kB"
+def shown_size(size: int) -> str:
+    """Return so many bytes in MB, below one in kB."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
 
 
 def _run_onnx(options: argparse.Namespace, given: dict) -> None:

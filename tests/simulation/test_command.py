@@ -180,6 +180,8 @@ NUMBERS = {
         ("skip", -3, "--skip -3 is too small; give 0 or more"),
         ("source_fps", -30.0, r"--source-fps -30\.0 is too small; give 1 or more"),
         ("source_fps", float("nan"), "--source-fps nan is too small"),
+        ("spins", float("inf"), "--spins inf is too large; give 100 or less"),
+        ("turn", 1e9, r"--turn 1000000000\.0 is too large; give 3600 or less"),
     ],
 )
 def test_numbers_that_are_too_small_are_refused(name: str, value: float, sentence: str):
