@@ -130,6 +130,10 @@ def _add_files(ways, shared: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Simulate what the way says."""
     shard = shard_of(options)
+    if options.device != "cpu" and options.farm is None:
+        from garment_jax.simulation.engine import find_device  # warp
+
+        find_device(options.device)
     with farm_of(options) as farm:
         options.simulate(options, farm, shard)
 
@@ -192,10 +196,6 @@ def _settings(options: argparse.Namespace, usual: list[str] | None = None) -> "C
     if options.at_once is not None and options.device == "cpu":
         raise ValueError("--at-once is for simulate --device cuda; on a CPU give --workers.")
     check_numbers(vars(options))
-    if options.device != "cpu" and options.farm is None:
-        from garment_jax.simulation.side_by_side import find_device  # warp
-
-        find_device(options.device)
     return cloth_settings([*(usual or []), *options.cloth])
 
 
