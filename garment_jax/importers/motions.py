@@ -110,11 +110,12 @@ def read_motion(
     rate = found.rate if source_fps is None else source_fps
     if rate is None:
         raise ValueError(f"{path}: the file does not say its frame rate; give --source-fps, for example 30.")
-    begins = leading_frames(track_speeds(found.track, rate)[skip or 0 :])
+    dropped = skip or 0
+    begins = leading_frames(track_speeds(found.track, rate)[dropped:])
     if begins and skip is None:
         say(f"{path}: {begins} rest-pose frame{'s' * (begins > 1)} left out (--skip 0 keeps them)")
     elif begins:
-        say(f"{path}: it jumps out of a rest pose; --skip {skip + begins} leaves that out")
+        say(f"{path}: it jumps out of a rest pose; --skip {dropped + begins} leaves that out")
     try:
         return retarget(
             found.track,
@@ -122,7 +123,7 @@ def read_motion(
             joints=joints,
             fps=rate if fps is None else fps,
             source_fps=rate,
-            skip=begins if skip is None else skip,
+            skip=begins if skip is None else dropped,
             scale=found.metres if bvh else None,
             metres=None if bvh else found.metres,
             floor=floor,
