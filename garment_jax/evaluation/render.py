@@ -53,15 +53,17 @@ def render_files(
     whole_body: bool = True,
     height: int | None = None,
     seconds: float = 6.0,
+    start: int = 0,
+    stop: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
 
-    Writes `NAME_sheet.png` (NAME being the first file's) with `frames` columns; of two files also the error
-    heat map in the sheet (colours up to `scale_cm`, by default a round number that covers 99 of 100
-    vertices) and `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
-    `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
+    Of frames `start … stop - 1`, all by default. Writes `NAME_sheet.png` (NAME being the first file's) with
+    `frames` columns; of two files also the error heat map in the sheet (colours up to `scale_cm`, by
+    default a round number that covers 99 of 100 vertices) and `NAME_error.png`, the error over time.
+    `side_view` adds `NAME_side.png`, `animation` adds `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
     `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
     sheets and 240 in the film. `force` replaces pictures that are there. `progress` is called with the frames
     drawn and those to draw, of all sheets and the film together. The pictures appear together, when all are
@@ -77,6 +79,7 @@ def render_files(
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
+        part = clips[-1].cut(start, stop)
         stack.enter_context(unmade(out))
         _make_folder(out)
         name, title = Path(paths[0]).stem, _title(clips[-1])
@@ -88,12 +91,12 @@ def render_files(
             check_free(path, force)
         made = dict(zip(written, stack.enter_context(written_whole(*written)), strict=True))
         if len(clips) == 2:
-            title += f", RMSE {_error_curve(clips, made[curve]):.2f} cm"
-        film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
-        drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
+            title += f", RMSE {_error_curve(clips, made[curve], part):.2f} cm"
+        film = _filmed(clips[-1], seconds, part) if animation else np.zeros(0, int)
+        drawn = _Drawn(len(views) * min(frames, len(part)) + len(film), progress)
         for (angle, _), path in zip(views, sheets, strict=True):
             size = height or SHEET_HEIGHT
-            _sheet(clips, made[path], title, frames, size, angle, scale_cm, whole_body, drawn)
+            _sheet(clips, made[path], title, part, frames, size, angle, scale_cm, whole_body, drawn)
         if animation:
             _film(clips, made[movie], azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
         return written
@@ -144,16 +147,16 @@ def _make_folder(out: Path) -> None:
         raise OSError(f"--out {out} cannot be made ({error.strerror}); name another folder.") from error
 
 
-def _error_curve(clips: list[Sequence], path: Path) -> float:
-    """Write the curve and return the clip's RMSE in cm."""
+def _error_curve(clips: list[Sequence], path: Path, part: range) -> float:
+    """Write the curve of frames `part` and return their RMSE in cm."""
     pred, truth = clips
     distance = []
-    for start in range(0, truth.frames, WINDOW):
-        stop = min(start + WINDOW, truth.frames)
+    for start in range(part.start, part.stop, WINDOW):
+        stop = min(start + WINDOW, part.stop)
         d = vertex_distance(read_finite(pred, start, stop), read_finite(truth, start, stop))
         distance.append(np.stack([np.sqrt((d**2).mean(axis=1)), d.max(axis=1)]))
     rmse_cm, largest_cm = np.concatenate(distance, axis=1)
-    save_error_curve(path, rmse_cm, largest_cm, fps=truth.fps, title=truth.name)
+    save_error_curve(path, rmse_cm, largest_cm, fps=truth.fps, title=truth.name, first=part.start)
     return float(np.sqrt((rmse_cm**2).mean()))
 
 
@@ -161,6 +164,7 @@ def _sheet(
     clips: list[Sequence],
     path: Path,
     title: str,
+    part: range,
     frames: int,
     height: int,
     azimuth: float,
@@ -169,8 +173,8 @@ def _sheet(
     drawn: _Drawn,
 ) -> None:
     clip = clips[-1]
-    count = min(frames, clip.frames)
-    shown = ((np.arange(count) + 0.5) * clip.frames / count).astype(int)
+    count = min(frames, len(part))
+    shown = part.start + ((np.arange(count) + 0.5) * len(part) / count).astype(int)
     garments = [read_frames(c, shown) for c in clips]
     bodies, root, yaw = body_at(clip, shown)
     framing = frame_clips(bodies, garments, root, yaw, height=height, azimuth=azimuth, whole_body=whole_body)
@@ -234,9 +238,9 @@ def _rows(
     ], scale
 
 
-def _filmed(clip: Sequence, seconds: float) -> np.ndarray:
-    """Return the clip's frames that a film of `seconds` shows."""
-    return film_frames(clip.frames, clip.fps, film_fps=FILM_FPS, seconds=seconds)
+def _filmed(clip: Sequence, seconds: float, part: range) -> np.ndarray:
+    """Return those of the clip's frames `part` that a film of `seconds` shows."""
+    return part.start + film_frames(len(part), clip.fps, film_fps=FILM_FPS, seconds=seconds)
 
 
 def _film(

@@ -77,6 +77,18 @@ def test_pictures_that_are_stopped_leave_nothing(pair, tmp_path, monkeypatch, st
     assert not out.exists()
 
 
+def test_start_and_stop_choose_the_frames_that_are_drawn(pair, tmp_path, monkeypatch):
+    seen: list[int] = []
+    keep = render.read_frames
+    monkeypatch.setattr(render, "read_frames", lambda clip, f: seen.extend(map(int, f)) or keep(clip, f))
+    options = {"frames": 2, "height": 48, "animation": True}
+    render_files(pair, tmp_path / "out", **options, start=4, stop=8)
+    assert {min(seen), max(seen)} == {4, 7}
+    with pytest.raises(ValueError, match="--start 4 --stop 40 must fit 0 <= start < stop <= 12"):
+        render_files(pair, tmp_path / "none", **options, start=4, stop=40)
+    assert not (tmp_path / "none").exists()
+
+
 def test_one_clip_gives_one_row(pair, tmp_path):
     written = render_files(pair[1:], tmp_path / "new", frames=2, height=64)
     assert [p.name for p in written] == ["t_sheet.png"]
