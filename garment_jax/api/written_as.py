@@ -86,10 +86,10 @@ def check_frames(sequence: Path, output: Output, shape: Shape) -> list[str]:
 
     Raises `ValueError` where those that are asked for are none of the motion's.
     """
-    from garment_jax.io.sequence import open_sequence
+    from garment_jax.io.sequence import chosen_frames, open_sequence
 
     with open_sequence(sequence) as clip:
-        frames = len(clip.cut(shape.start or 0, shape.stop))
+        frames = len(chosen_frames(clip, shape.start or 0, shape.stop))
     if output.format != "glb" or shape.every is not None or (every := _fewest(frames)) == 1:
         return []
     return [
@@ -137,13 +137,13 @@ def _pictures(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
 
 def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]:
     from garment_jax.exporters.command import export_file
-    from garment_jax.io.sequence import open_sequence
+    from garment_jax.io.sequence import chosen_frames, open_sequence
 
     given: dict[str, Any] = {k: v for k, v in shape._asdict().items() if v is not None and k != "height"}
     frames = made.with_name("frames")  # a folder may be called NAME.obj, `export` would take it for a file
     if format == "glb" and shape.every is None:
         with open_sequence(sequence) as clip:
-            given["every"] = _fewest(len(clip.cut(shape.start or 0, shape.stop)))
+            given["every"] = _fewest(len(chosen_frames(clip, shape.start or 0, shape.stop)))
     with FrameProgress(made.name) as progress:
         report = export_file(
             sequence, frames if format == "obj" else made, format=format, progress=progress, **given

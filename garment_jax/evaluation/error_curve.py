@@ -15,7 +15,7 @@ from garment_jax.storage.whole import written_whole
 def save_error_curve(
     path: Path, rmse_cm: np.ndarray, largest_cm: np.ndarray, *, fps: float, title: str, first: int = 0
 ) -> None:
-    """Plot RMSE and largest vertex distance `[t]`, cm, of frames from `first` on over seconds; write a PNG."""
+    """Plot RMSE and largest vertex distance `[t]`, cm, of frames from `first` on over seconds, as a PNG."""
     matplotlib.use("Agg")  # headless: never look for a display
     from matplotlib.figure import Figure
 

@@ -19,7 +19,7 @@ from garment_jax.evaluation.view import (
     picture,
     read_frames,
 )
-from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.io.sequence import Sequence, chosen_frames, open_sequence
 from garment_jax.storage.whole import written_whole
 
 FPS = {".gif": 15.0, ".webp": 15.0, ".mp4": 30.0}
@@ -50,7 +50,7 @@ def film_file(
     check_height(height)
     with open_sequence(path) as clip, written_whole(out) as (made,):
         rate = min(FPS[suffix], clip.fps)
-        frames = np.array(clip.cut(start, stop))
+        frames = np.array(chosen_frames(clip, start, stop))
         seconds = len(frames) / clip.fps
         shown = frames[film_frames(len(frames), clip.fps, film_fps=FPS[suffix], seconds=seconds)]
         pictures = _pictures(clip, shown, height, azimuth, progress, say)
@@ -69,7 +69,7 @@ def still_file(
     """Write the picture `out`, a PNG, of the middle one of frames `start … stop - 1` and return it."""
     check_height(height)
     with open_sequence(path) as clip, written_whole(Path(out)) as (made,):
-        frames = clip.cut(start, stop)
+        frames = chosen_frames(clip, start, stop)
         frame = frames[len(frames) // 2]
         garment = read_frames(clip, np.array([frame]))[0]
         made.write_bytes(frame_portrait(clip.scene, clip.motion, frame, garment, height=height))

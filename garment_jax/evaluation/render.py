@@ -31,7 +31,7 @@ from garment_jax.evaluation.view import (
     picture,
     read_frames,
 )
-from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.io.sequence import Sequence, chosen_frames, open_sequence
 from garment_jax.storage.overwriting import check_free
 from garment_jax.storage.scratch import unmade
 from garment_jax.storage.whole import written_whole
@@ -63,11 +63,11 @@ def render_files(
     Of frames `start … stop - 1`, all by default. Writes `NAME_sheet.png` (NAME being the first file's) with
     `frames` columns; of two files also the error heat map in the sheet (colours up to `scale_cm`, by
     default a round number that covers 99 of 100 vertices) and `NAME_error.png`, the error over time.
-    `side_view` adds `NAME_side.png`, `animation` adds `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
-    `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
-    sheets and 240 in the film. `force` replaces pictures that are there. `progress` is called with the frames
-    drawn and those to draw, of all sheets and the film together. The pictures appear together, when all are
-    drawn. Returns what was written.
+    `side_view` adds `NAME_side.png`, `animation` adds `NAME.gif` (the first `seconds` at 15 fps). `azimuth`
+    in degrees from the body's front; without `whole_body` pictures end a hand above the garment. `height`
+    of a picture in pixels, by default 360 in sheets and 240 in the film. `force` replaces pictures that are
+    there. `progress` is called with the frames drawn and those to draw, of all sheets and the film
+    together. The pictures appear together, when all are drawn. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
     range, an `out` that is a file and pictures that are there without `force`, `OSError` where the folder
@@ -79,7 +79,7 @@ def render_files(
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
-        part = clips[-1].cut(start, stop)
+        part = chosen_frames(clips[-1], start, stop)
         stack.enter_context(unmade(out))
         _make_folder(out)
         name, title = Path(paths[0]).stem, _title(clips[-1])

@@ -6,7 +6,7 @@ import numpy as np
 
 from garment_jax.body.kinematics import pose_body
 from garment_jax.body.rates import FASTEST, SLOWEST
-from garment_jax.io.sequence import Sequence
+from garment_jax.io.sequence import Sequence, chosen_frames
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # metres
 FARTHEST = 1_000_000  # number of a first frame: some formats keep it as float32
@@ -37,7 +37,7 @@ class ExportClip:
     ) -> None:
         rate = sequence.fps if fps is None else fps
         _check(unit, up, rate)
-        frames = sequence.cut(start, stop)
+        frames = chosen_frames(sequence, start, stop)
         if abs(first_frame) > FARTHEST:
             raise ValueError(f"--frame-offset {first_frame} is out of range; give {FARTHEST} at most.")
         sequence.read(start, start + 1)  # a motion without a garment is refused before anything is written
