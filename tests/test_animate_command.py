@@ -1,6 +1,7 @@
 """`garment-jax animate`: from a model's name and a motion to a file, in one command."""
 
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from garment_jax.io.sequence import SequenceWriter, open_sequence
 from garment_jax.model.scene_file import Sample, sample_of, write_sample
 from garment_jax.model.shipped import find_model
 from garment_jax.model.store import save_model
+from garment_jax.structs import Motion
 from tests.animation.tiny_model import SCENE, tiny_model
 from tests.reference.files import write_bvh
 from tests.reference.scene import make_motion, make_scene, write_clip
@@ -65,7 +67,7 @@ def test_the_sample_becomes_a_page_that_is_opened(model: str, here: Path, quick,
     said = capsys.readouterr().out
     assert said.splitlines()[0] == "tiny on its sample motion -> tiny.html"
     assert f"tiny: {FRAMES} frames in" in said
-    assert "tiny.html: 0." in said
+    assert re.search(r"tiny\.html: \d+\.\d kB; next: ", said)
     assert said.splitlines()[-2:] == ["opened tiny.html", "opened in the browser (--no-open leaves that out)"]
     assert names(here) == ["tiny.html"]  # nothing else is left
     assert 'content="garment-jax view"' in (here / "tiny.html").read_text()[:2000]
@@ -114,6 +116,24 @@ def test_a_folder_of_motions_becomes_a_folder_of_files_and_compiles_once(model: 
     assert len(made) == 1
 
 
+def test_each_motion_of_a_folder_begins_after_its_own_rest_pose(model: str, here: Path, quick, capsys):
+    (here / "moves").mkdir()
+    for name, rest in (("a", 2), ("b", 4)):
+        motion = make_motion(SCENE, 50)
+        root = np.concatenate([np.repeat(motion.root[:1] + [1.0, 0.0, 0.0], rest, axis=0), motion.root])
+        turns = np.concatenate([np.repeat(motion.rotations[:1], rest, axis=0), motion.rotations])
+        write_bvh(here / "moves" / f"{name}.bvh", SCENE.body, Motion(turns, root, 30.0))
+    words = ["animate", model, "moves", "--format", "h5", *FAST]
+    assert main([*words, "--out", "made/"]) == 0
+    said = capsys.readouterr().out
+    assert "a.bvh: 2 rest-pose frames left out (--skip 0 keeps them)" in said
+    assert "b.bvh: 4 rest-pose frames left out" in said
+    assert [len(vertices(here / "made" / name)) for name in ("a.h5", "b.h5")] == [50, 50]
+    assert main([*words, "--out", "kept/", "--skip", "1"]) == 0
+    assert "b.bvh: it jumps out of a rest pose; --skip 4 leaves that out" in capsys.readouterr().out
+    assert [len(vertices(here / "kept" / name)) for name in ("a.h5", "b.h5")] == [51, 53]
+
+
 @pytest.mark.parametrize(
     ("out", "files"),
     [
@@ -141,7 +161,9 @@ def test_every_ending_is_written_and_replaced_with_force_alone(
 def test_a_long_glb_takes_as_many_frames_as_viewers_do(model: str, here: Path, quick, monkeypatch, capsys):
     monkeypatch.setattr("garment_jax.exporters.glb.MOST_TARGETS", 4)
     assert main(["animate", model, "--out", "a.glb"]) == 0
-    assert "a.glb: one frame in 3 is a morph target" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()
+    assert "a.glb: one frame in 3 is a morph target" in said[1]  # before it is animated
+    assert "cloth may enter the body by a centimetre; .usdc and .abc keep every frame" in said[1]
     assert main(["animate", model, "--out", "b.glb", "--every", "0"]) == 2
     assert capsys.readouterr().err == "error: --every 0 is too small; give 1 (every frame) or more.\n"
     assert names(here) == ["a.glb"]
@@ -183,6 +205,73 @@ def test_a_plan_alone_writes_nothing(model: str, here: Path, monkeypatch, capsys
     assert main(["animate", model, "--plan"]) == 0
     assert capsys.readouterr().out.splitlines()[1] == "the plan"
     assert names(here) == []
+    (here / "tiny.html").write_text("of an animation before")
+    assert main(["animate", model, "--plan"]) == 0
+    assert (here / "tiny.html").read_text() == "of an animation before"
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.glb", "a.webp", "a.png", "a.html"])
+def test_start_and_stop_cut_what_is_written(model: str, here: Path, quick, name: str) -> None:
+    words = ["animate", model, "--out", name, "--height", "32", *FAST, "--start", "4", "--stop", "8"]
+    assert main([*words, *(["--frame-offset", "1"] if name == "a.npz" else [])]) == 0
+    if name == "a.npz":
+        with np.load(here / name) as arrays:
+            assert (len(arrays["vertices"]), arrays["first_frame"]) == (4, 1)
+            moved = SAMPLE.motion.root[7] - SAMPLE.motion.root[4]
+            V = arrays["vertices"]
+            np.testing.assert_allclose(V[3] - V[0], np.broadcast_to(moved, V[0].shape), atol=1e-4)
+    if name == "a.webp":
+        from PIL import Image
+
+        with Image.open(here / name) as film:
+            assert film.n_frames == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--start", "10"], "has 10 frames; --start 10 --stop 10 must fit 0 <= start < stop <= 10"),
+        (["--stop", "11", "--out", "a.usdc"], "--start 0 --stop 11 must fit"),
+        (["--start", "2", "--out", "a.h5"], "--start 2 is for pages, pictures and meshes, not for h5"),
+        (
+            ["--frame-offset", "1", "--out", "a.glb"],
+            "--frame-offset 1 is for meshes whose frames have numbers",
+        ),
+        (["--frame-offset", "-1", "--out", "a.npz"], "--frame-offset -1 is out of range; give 0 to 1000000."),
+    ],
+)
+def test_a_cut_that_is_none_is_refused_before_the_work(
+    model: str, here: Path, monkeypatch, capsys, words: list[str], said: str
+) -> None:
+    monkeypatch.setattr("garment_jax.api.animating.infer_motion", None)
+    assert said in refused([model, *words], capsys)
+    assert names(here) == []
+
+
+@pytest.mark.parametrize("command", ["animate", "infer"])
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--budget-ms", "nan"], "--budget-ms nan is no time; give milliseconds a frame"),
+        (["--budget-ms", "-1"], "--budget-ms -1 is no time"),
+        (["--budget-ms", "inf"], "--budget-ms inf is no time"),
+        (["--lod", "0"], "--lod 0 is not a size"),
+        (["--preroll", "-1"], "--preroll -1 is negative"),
+        (["--preroll", "999999999"], "--preroll 999999999 is hours of motion"),
+    ],
+)
+def test_a_number_that_means_nothing_is_refused_before_a_model_is_looked_for(
+    here: Path, capsys, command: str, words: list[str], said: str
+) -> None:
+    assert main([command, "nothere", "walk.h5", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {said}")
+
+
+def test_a_shard_without_motions_says_so(model: str, here: Path, capsys) -> None:
+    assert main(["animate", model, "--shard", "2/2"]) == 0
+    assert capsys.readouterr().err == "shard 2/2: 0 motions\n"
+    assert names(here) == []
 
 
 def refused(words: list[str], capsys) -> str:
@@ -202,6 +291,10 @@ def test_what_does_not_fit_is_a_sentence_and_leaves_nothing(model: str, here: Pa
     assert "--out a.xyz: its ending names no format; end it in .html, .glb" in refused(
         [model, "walk.bvh", "--out", "a.xyz"], capsys
     )
+    assert "--out a.fbx: FBX is not written; end it in .glb, .usdc or .abc" in refused(
+        [model, "walk.bvh", "--out", "a.fbx"], capsys
+    )
+    assert ".glb has metres and Y up" in refused([model, "--out", "a.glb", "--out-up", "Z"], capsys)
     assert "is one file and there are 2 motions; name a folder, and --format glb" in refused(
         [model, str(walk), str(other), "--out", "a.glb"], capsys
     )

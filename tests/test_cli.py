@@ -182,14 +182,23 @@ def test_refusals_are_a_sentence_and_exit_code_2(tmp_path, monkeypatch, capsys, 
         ("animate skirt --no-colision", "animate has no option --no-colision; did you mean --no-collision?"),
         ("simulate --embeded skirt", "simulate has no option --embeded; did you mean embedded?"),
         ("animate skirt --format gbl", "--format gbl is no choice; did you mean glb?"),
-        ("simulate embedded sirt --out o", "garment sirt is no choice; did you mean skirt?"),
+        ("simulate embedded sirt --out o", "GARMENT sirt is no choice; did you mean skirt?"),
         (
             "animate skirt --out x.glb walk.bvh",
             "no use for 'walk.bvh' there; inputs come first, then options;",
         ),
         ("train", "garment-jax train needs CONFIG; garment-jax train --help shows how."),
         ("train a.toml --tensorbord", "has no option --tensorbord; did you mean --tensorboard?"),
-        ("export a.h5 --every 1.5", "argument --every: invalid int value: '1.5'; garment-jax export --help"),
+        ("animate", "error: garment-jax animate needs model; garment-jax animate --help shows how."),
+        ("learn trousers", "GARMENT trousers is no choice; choose of skirt, circle_skirt, dress, cape;"),
+        (
+            "collide a.h5 --eps 0.004m",
+            "--eps 0.004m is no number (distance to keep, millimetres, such as 4; ",
+        ),
+        (
+            "export a.h5 --every 1.5",
+            "--every 1.5 is no whole number (glb: every so many frames becomes a morph target); ",
+        ),
     ],
 )
 def test_a_wrong_word_is_answered_in_a_sentence_with_the_right_one(words: str, sentence: str, capsys):

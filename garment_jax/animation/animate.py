@@ -1,5 +1,6 @@
 """A whole motion through a whole model, streamed: the work of `infer.py`."""
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -34,6 +35,13 @@ from garment_jax.progress import FrameProgress
 from garment_jax.structs import Motion, Scene
 
 STILL = 10.0  # ranges beyond a feature's from which on it hardly moved in training: a stiff back, say
+_BEYOND = {  # what a joint does more than in training, by the feature that says so
+    "tilt": ("tilts", "farther"),
+    "rotation": ("turns", "farther"),
+    "velocity": ("moves", "faster"),
+    "yaw rate": ("turns", "faster"),
+    "position": ("reaches", "farther"),
+}
 _LONG = 0.75  # part of int16's reach: a template that is longer may swing out of it
 
 
@@ -247,7 +255,8 @@ def _animate_open(
             for column, values in per_frame_columns(figures).items():
                 writer.add_per_frame(column, values)
     if outside.max() > 0.1:
-        print(f"{name}: {_beyond_range(float(outside.max()), worst, int(outside.argmax()))}", file=sys.stderr)
+        said = _beyond_range(float(outside.max()), worst, int(outside.argmax()), motion.fps)
+        print(f"{name}: {said}", file=sys.stderr)
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
 
 
@@ -298,13 +307,15 @@ def animator_for(
     return known[key]
 
 
-def _beyond_range(ranges: float, feature: str, frame: int) -> str:
+def _beyond_range(ranges: float, feature: str, frame: int, fps: float) -> str:
     """Return the sentence on a motion that leaves the training range by so many `ranges` of a feature."""
-    if ranges > STILL:
-        return f"{feature} moves in frame {frame} and hardly did in training; expect less there."
+    found = re.fullmatch(r"(.+) (tilt|rotation|velocity|yaw rate|position) .+", feature)
+    who, what = (feature, "position") if found is None else found.groups()
+    verb, more = _BEYOND[what]
+    than = f"{more} than in any training motion" if ranges <= STILL else "which it hardly did in training"
     return (
-        f"the motion leaves the training range by up to {ranges:.0%} of it ({feature}, frame {frame}); "
-        "expect less there."
+        f"frame {frame} ({frame / fps:.1f} s): {'the root' if who == 'root' else who} {verb}"
+        f"{',' * (ranges > STILL)} {than}; it is clamped there, so the cloth may lag or stretch."
     )
 
 

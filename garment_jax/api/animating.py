@@ -15,7 +15,7 @@ from garment_jax.api.model_argument import a_model
 from garment_jax.api.motions import a_motion, from_arrays, motion_file, moving
 from garment_jax.api.opened import Opened, Wanted, infer_motion
 from garment_jax.api.outputs import Output, plan_outputs
-from garment_jax.api.written_as import Shape, check_able, write_as
+from garment_jax.api.written_as import Shape, check_able, check_frames, write_as
 
 if TYPE_CHECKING:
     from garment_jax.api.loaded import LoadedModel
@@ -124,7 +124,7 @@ def _files(
         opened_of(model),
         Sample(model.scene, model.motion, model.name),
         shape=shape,
-        own=Options(floor=True),
+        own=Options(floor=True, skip=None),
         asked=asked,
         force=force,
     )
@@ -165,7 +165,7 @@ def write_animation(
     into = output.path.parent
     with unmade(into), scratch(into) as place, _without(place):
         moves, notes = motion_file(opened.path, sample, output.motion, opened.facts.fps, own, place)
-        for note in notes:
+        for note in (*notes, *(() if planning else check_frames(moves, output, shape))):
             say(note)
         title = title or (output.path.stem if output.motion is None else output.motion.stem)
         made = None if planning else place / f"{title}.animation.h5"

@@ -39,7 +39,7 @@ def motion(
     *,
     joints: str | Path | None = None,
     source_fps: float | None = None,
-    skip: int = 0,
+    skip: int | None = None,
     rest_frame: int | None = None,
     floor: bool = True,
     unit: str | None = None,
@@ -50,9 +50,9 @@ def motion(
 
     A NamedTuple of rotations `[t, j, 3, 3]` (world, from the canonical pose), root `[t, 3]` (metres, world, Y
     up) and fps. `joints`: a table of joint names, .toml. `source_fps`: the true rate, where the file does not
-    say. `skip`: first frames to drop, such as a rest pose; `rest_frame`: the frame that is one. `floor` lifts
-    the feet to the floor. `unit` (m, cm, mm, in) and `up` (Y, Z): as the file's are not. `animation`: the one
-    to take of several. Raises `ValueError` or `OSError` in one sentence.
+    say. `skip`: first frames to drop, by default a rest pose and the jump out of it; `rest_frame`: the frame
+    that is a rest pose. `floor` lifts the feet to the floor. `unit` (m, cm, mm, in) and `up` (Y, Z): as the
+    file's are not. `animation`: the one to take of several. Raises `ValueError` or `OSError` in one sentence.
 
         walk = gj.motion(model, "walk.bvh")
     """
@@ -103,7 +103,7 @@ def moving(model: "LoadedModel", given: "tuple | str | Path | None") -> Moving:
         return Moving(model.scene, model.motion, model.name)
     if not isinstance(given, str | Path):
         return Moving(model.scene, from_arrays(model, given), model.name)
-    path, own = Path(given), Options(floor=True)
+    path, own = Path(given), Options(floor=True, skip=None)
     if as_it_stands(path, Sample(model.scene, model.motion, model.name), model.fps, own):
         with open_sequence(path) as clip:
             return Moving(clip.scene, clip.motion, clip.name)
@@ -117,7 +117,7 @@ def as_it_stands(path: Path, sample: "Sample | None", fps: float, own: "Options"
     """
     from garment_jax.importers.motion_clips import of_same_garment
 
-    untouched = own._replace(floor=True) == type(own)(floor=True)
+    untouched = own._replace(floor=True, skip=own.skip or 0) == type(own)(floor=True)
     if path.suffix.lower() != ".h5" or not untouched:
         return False
     return sample is None or of_same_garment(path, sample.scene.garment, fps)

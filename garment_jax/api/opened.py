@@ -1,5 +1,6 @@
 """A model opened for any motions: plan the scene, choose what fits the budget, read, animate."""
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -27,6 +28,19 @@ class Wanted(NamedTuple):
     plan: bool = False
     budget_ms: float | None = None
     lod: float | None = None
+
+
+def check_wanted(asked: Wanted) -> None:
+    """Raise `ValueError` for a number that means nothing, before anything is opened or measured."""
+    from garment_jax.body.preroll import check_preroll
+
+    check_preroll(asked.preroll)
+    if asked.budget_ms is not None and not 0 < asked.budget_ms < math.inf:
+        raise ValueError(
+            f"--budget-ms {asked.budget_ms:g} is no time; give milliseconds a frame, such as 10."
+        )
+    if asked.lod is not None and not 0 < asked.lod < math.inf:
+        raise ValueError(f"--lod {asked.lod:g} is not a size; give what a pixel covers, in millimetres.")
 
 
 class Opened(NamedTuple):

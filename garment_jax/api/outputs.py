@@ -62,6 +62,8 @@ def plan_outputs(
         outputs = [Output(motions[0], Path(out), given)]
     else:
         if out is not None and not out.endswith(("/", "\\")) and not Path(out).is_dir() and Path(out).suffix:
+            if Path(out).suffix.lower() == ".fbx":
+                raise ValueError(f"--out {out}: FBX is not written; end it in .glb, .usdc or .abc.")
             endings = ", ".join(known[0] for known in ENDINGS.values())
             raise ValueError(f"--out {out}: its ending names no format; end it in {endings}.")
         chosen, folder = format or "html", Path(out or ".")

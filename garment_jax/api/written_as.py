@@ -32,6 +32,9 @@ class Shape(NamedTuple):
     blender: str | None = None
     height: int = 480  # pixels of pictures and films
     every: int | None = None  # frames a morph target; None: as few as viewers take
+    start: int | None = None  # first frame that is written
+    stop: int | None = None  # frame before which to stop
+    frame_offset: int | None = None  # number of the first frame
 
 
 def check_able(formats: set[str], shape: Shape) -> None:
@@ -56,10 +59,44 @@ def check_able(formats: set[str], shape: Shape) -> None:
         raise ValueError(f"--every {shape.every} is too small; give 1 (every frame) or more.")
     if shape.every is not None and formats != {"glb"}:
         raise ValueError(f"--every {shape.every} is for .glb, whose frames are morph targets; leave it out.")
-    meshes = formats & {"glb", "usd", "abc", "pc2", "mdd", "obj", "npz"}
-    for option, value in (("--out-unit", shape.unit), ("--out-up", shape.up)):
-        if value is not None and not meshes:
-            raise ValueError(f"{option} {value} is for meshes, not for {', '.join(formats)}; leave it out.")
+    meshes = {"glb", "usd", "abc", "pc2", "mdd", "obj", "npz"}
+    for option, value, what, takes in (
+        ("--out-unit", shape.unit, "meshes", meshes),
+        ("--out-up", shape.up, "meshes", meshes),
+        ("--start", shape.start, "pages, pictures and meshes", set(NEXT) - {"h5"}),
+        ("--stop", shape.stop, "pages, pictures and meshes", set(NEXT) - {"h5"}),
+        ("--frame-offset", shape.frame_offset, "meshes whose frames have numbers", meshes - {"glb"}),
+    ):
+        if value is not None and not formats & takes:
+            raise ValueError(f"{option} {value} is for {what}, not for {', '.join(formats)}; leave it out.")
+    if "glb" in formats and (shape.unit or "m", shape.up or "Y") != ("m", "Y"):
+        raise ValueError(
+            ".glb has metres and Y up, which programs that import it turn to their own; leave --out-unit and "
+            "--out-up out."
+        )
+    if shape.frame_offset is not None:
+        from garment_jax.exporters.clip import FARTHEST  # NumPy
+
+        if not 0 <= shape.frame_offset <= FARTHEST:
+            raise ValueError(f"--frame-offset {shape.frame_offset} is out of range; give 0 to {FARTHEST}.")
+
+
+def check_frames(sequence: Path, output: Output, shape: Shape) -> list[str]:
+    """Return what a user must know of the frames that will be written of a motion, before they are made.
+
+    Raises `ValueError` where those that are asked for are none of the motion's.
+    """
+    from garment_jax.io.sequence import chosen_frames, open_sequence
+
+    with open_sequence(sequence) as clip:
+        frames = len(chosen_frames(clip, shape.start or 0, shape.stop))
+    if output.format != "glb" or shape.every is not None or (every := _fewest(frames)) == 1:
+        return []
+    return [
+        f"{output.path.name}: one frame in {every} is a morph target, as many as viewers take, with straight "
+        "lines between, where cloth may enter the body by a centimetre; .usdc and .abc keep every frame, "
+        "--every says otherwise"
+    ]
 
 
 def write_as(
@@ -84,24 +121,29 @@ def write_as(
 def _page(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
     from garment_jax.viewer.command import view_files
 
-    return view_files([sequence], made, title=title, body=shape.body).path
+    cut = {"start": shape.start or 0, "stop": shape.stop}
+    return view_files([sequence], made, title=title, body=shape.body, **cut).path
 
 
 def _pictures(sequence: Path, made: Path, shape: Shape, title: str) -> Path:
     from garment_jax.evaluation.film import film_file, still_file
 
+    asked = {"height": shape.height, "start": shape.start or 0, "stop": shape.stop}
     with FrameProgress(f"{title}, pictures") as progress:
         if made.suffix.lower() == ".png":
-            return still_file(sequence, made, height=shape.height)
-        return film_file(sequence, made, height=shape.height, progress=progress)
+            return still_file(sequence, made, **asked)
+        return film_file(sequence, made, **asked, progress=progress, say=progress.say)
 
 
 def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]:
     from garment_jax.exporters.command import export_file
+    from garment_jax.io.sequence import chosen_frames, open_sequence
 
     given: dict[str, Any] = {k: v for k, v in shape._asdict().items() if v is not None and k != "height"}
     frames = made.with_name("frames")  # a folder may be called NAME.obj, `export` would take it for a file
-    given = _morph_targets(sequence, made.name, given) if format == "glb" else given
+    if format == "glb" and shape.every is None:
+        with open_sequence(sequence) as clip:
+            given["every"] = _fewest(len(chosen_frames(clip, shape.start or 0, shape.stop)))
     with FrameProgress(made.name) as progress:
         report = export_file(
             sequence, frames if format == "obj" else made, format=format, progress=progress, **given
@@ -109,18 +151,8 @@ def _meshes(sequence: Path, made: Path, format: str, shape: Shape) -> list[Path]
     return [frames.rename(made)] if format == "obj" else report.files
 
 
-def _morph_targets(sequence: Path, name: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the export's options with as many frames a morph target as viewers ask for, and say so."""
+def _fewest(frames: int) -> int:
+    """Return how many frames a morph target stands for, so that viewers take them all."""
     from garment_jax.exporters.glb import MOST_TARGETS
-    from garment_jax.io.sequence import open_sequence
 
-    if "every" in given:
-        return given
-    with open_sequence(sequence) as clip:
-        every = -(-max(clip.frames - 1, 1) // MOST_TARGETS)
-    if every > 1:
-        print(
-            f"{name}: one frame in {every} is a morph target, with straight lines between, for viewers take "
-            f"{MOST_TARGETS}; --every says otherwise, .usdc and .abc hold every frame"
-        )
-    return given | {"every": every}
+    return -(-max(frames - 1, 1) // MOST_TARGETS)

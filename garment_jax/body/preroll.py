@@ -15,16 +15,21 @@ SETTLE, BLEND = 0.48, 0.39  # parts of the preroll; the rest holds the first pos
 def preroll_motion(motion: Motion, frames: int) -> Motion:
     """Return `frames` frames that go before `motion`: canonical pose, a smoothstep blend, the first pose.
 
-    As `into_first_pose`. Raises `ValueError` for a negative length, or one of more than `LONGEST`.
+    As `into_first_pose`. Raises `ValueError` as `check_preroll`.
     """
-    if frames < 0:
-        raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
-    if frames > LONGEST:
-        raise ValueError(f"--preroll {frames} is hours of motion; give {LONGEST} frames at most, such as 90.")
+    check_preroll(frames)
     # however short the preroll is, its last frame is the first pose
     u = np.clip((np.arange(frames) / max(frames - 1, 1) - SETTLE) / BLEND, 0.0, 1.0)
     before = into_first_pose(motion, smoothstep(u))
     return before._replace(rotations=before.rotations.astype(motion.rotations.dtype))
+
+
+def check_preroll(frames: int) -> None:
+    """Raise `ValueError` for a negative length, or one of more than `LONGEST`."""
+    if frames < 0:
+        raise ValueError(f"--preroll {frames} is negative; give the number of frames, 0 for none.")
+    if frames > LONGEST:
+        raise ValueError(f"--preroll {frames} is hours of motion; give {LONGEST} frames at most, such as 90.")
 
 
 def smoothstep(u: np.ndarray) -> np.ndarray:

@@ -12,11 +12,11 @@ def sample_times(frames: int, fps: float, source_fps: float, skip: int = 0) -> t
     `frames` at `source_fps` become frames at `fps`, without the first `skip`. Raises `ValueError` for rates
     and numbers of frames that mean nothing.
     """
-    for name, rate in (("fps", fps), ("source_fps", source_fps)):
+    for option, rate in (("--fps", fps), ("--source-fps", source_fps)):
         if not 1.0 <= rate <= 1e4:
-            raise ValueError(f"{name} = {rate} must lie between 1 and 10000 frames a second.")
+            raise ValueError(f"{option} {rate:g} must lie between 1 and 10000 frames a second.")
     if not 0 <= skip < frames:
-        raise ValueError(f"skip = {skip} leaves nothing of {frames} frames; take 0 to {frames - 1}.")
+        raise ValueError(f"--skip {skip} leaves nothing of {frames} frames; take 0 to {frames - 1}.")
     step = _whole(source_fps / fps)
     count = int((frames - 1 - skip) / step + 1e-6) + 1
     time = np.minimum(skip + np.arange(count) * step, frames - 1)

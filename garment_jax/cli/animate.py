@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from garment_jax.api.animated import is_begun, is_made, made_of
 from garment_jax.api.outputs import ENDINGS, Output, plan_outputs
 from garment_jax.api.written_as import NEXT, Shape, check_able
+from garment_jax.cli.export import shown_size
 from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.infer import add_options, wanted
 from garment_jax.cli.motion_options import add_motion_options
@@ -44,6 +45,7 @@ def add(commands) -> None:
     parser.add_argument(
         "motions",
         nargs="*",
+        default=[],
         type=Path,
         metavar="MOTION",
         help="files or folders (default: the model's sample)",
@@ -54,7 +56,7 @@ def add(commands) -> None:
     parser.add_argument("--format", choices=tuple(ENDINGS), help="where --out is a folder (default html)")
     add_force(parser)
     parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
-    add_motion_options(parser.add_argument_group("the motions"))
+    add_motion_options(parser.add_argument_group("the motions"), skip=None)
     add_options(parser.add_argument_group("the model"))
     group = parser.add_argument_group("what is written")
     group.add_argument("--no-body", action="store_true", help="the garment alone")
@@ -62,6 +64,11 @@ def add(commands) -> None:
     group.add_argument("--out-up", choices=("Y", "Z"), help="axis of meshes that points upwards (default Y)")
     group.add_argument("--height", type=int, default=480, help="pixels of a picture or film (default 480)")
     group.add_argument("--every", type=int, metavar="N", help="glb: every Nth frame becomes a morph target")
+    group.add_argument("--start", type=int, metavar="N", help="first frame that is written (default 0)")
+    group.add_argument("--stop", type=int, metavar="N", help="frame before which to stop (default: the end)")
+    group.add_argument(
+        "--frame-offset", type=int, metavar="N", help="number of the first frame (default 0; Blender's is 1)"
+    )
     group.add_argument("--blender", help="abc: a blender executable, or a Python with bpy")
     add_farm_options(parser.add_argument_group("many motions"))
     parser.set_defaults(run=run)
@@ -72,10 +79,12 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.api.many_motions import Asked
     from garment_jax.model.shipped import find_model
 
-    folder, shard, o = find_model(options.model), shard_of(options), options
+    shard, o, chosen = shard_of(options), options, wanted(options)
+    folder = find_model(options.model)
     motions, name = list_files(o.motions), folder.resolve().name
-    shape = Shape(not o.no_body, o.out_unit, o.out_up, o.blender, o.height, o.every)
-    asked = Asked(folder, shape, motion_options(o), wanted(o), o.force, o.plan and o.out is None)
+    meshes = (o.out_unit, o.out_up, o.blender)
+    shape = Shape(not o.no_body, *meshes, o.height, o.every, o.start, o.stop, o.frame_offset)
+    asked = Asked(folder, shape, motion_options(o), chosen, o.force, o.plan and o.out is None)
     keys: dict[Output, str] = {}
 
     def going_on(output: Output) -> bool:
@@ -85,8 +94,13 @@ def run(options: argparse.Namespace) -> None:
         keys[output] = made_of(folder, output, shape, asked.own, asked.wanted)
         return is_made(output, keys[output]) or is_begun(output, keys[output])
 
-    outputs = plan_outputs(motions, o.out, o.format, name=name, force=o.force, going_on=going_on)
-    outputs = outputs if shard is None else shard.of(outputs)
+    force = o.force or asked.planning  # which writes nothing
+    outputs = plan_outputs(motions, o.out, o.format, name=name, force=force, going_on=going_on)
+    if shard is not None:
+        outputs = shard.of(outputs)
+        print(f"shard {shard}: {len(outputs)} motions", file=sys.stderr, flush=True)
+        if not outputs:
+            return
     check_able({output.format for output in outputs}, shape)
     missing = [x for x in outputs if o.force or x not in keys or not is_made(x, keys[x])]
     if len(missing) < len(outputs):
@@ -122,6 +136,7 @@ def _animate(
 
     left_out, began = LeftOut(len(outputs)), time.monotonic()
     page = options.out is None and not options.no_open and len(outputs) == 1 and outputs[0].format == "html"
+    early = page and has_screen() and options.start is None  # a page of the first frames
     open_early: list[Path] = []
     running = animate_many(
         asked,
@@ -129,7 +144,7 @@ def _animate(
         farm,
         keys=keys,
         say=partial(print, flush=True),
-        show_early=partial(_show_early, open_early) if page and has_screen() else None,
+        show_early=partial(_show_early, open_early) if early else None,
     )
     for done, (output, outcome) in enumerate(running, 1):
         if outcome.error:
@@ -157,7 +172,7 @@ def _show_early(shown: list[Path], page: Path) -> bool:
 def _end(files: Sequence[Path], output: Output, *, opening: bool) -> None:
     """Say what was written and what to do with it; open a page."""
     size = sum(p.stat().st_size for file in files for p in ([file] if file.is_file() else file.rglob("*")))
-    print(f"{', '.join(map(str, files))}: {size / 1e6:.1f} MB; next: {NEXT[output.format]}", flush=True)
+    print(f"{', '.join(map(str, files))}: {shown_size(size)}; next: {NEXT[output.format]}", flush=True)
     if opening and open_page(files[0]):
         print("opened in the browser (--no-open leaves that out)", flush=True)
 

@@ -49,7 +49,10 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; exit code 1 where a job failed."""
-    from garment_jax.bench.runner import benchmark
+    from garment_jax.config.reading import find_config
+
+    find_config(options.config)
+    from garment_jax.bench.runner import benchmark  # seconds of imports
 
     with farm_of(options) as farm:
         failed = benchmark(

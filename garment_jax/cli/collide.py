@@ -28,7 +28,10 @@ def add(commands) -> None:
     )
     parser.add_argument("--whole-body", action="store_true", help="all of the body, not its collider")
     parser.add_argument(
-        "--eps", type=float, metavar="MM", help="distance to keep (default: as when animating)"
+        "--eps",
+        type=float,
+        metavar="MM",
+        help="distance to keep, millimetres, such as 4; default: as when animating",
     )
     parser.add_argument("--iterations", type=int, help="gradient steps a frame at most (default 20)")
     parser.add_argument("--no-limbs", action="store_true", help="leave cloth that a limb has passed through")
@@ -38,10 +41,15 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.io.overwrite_checks import check_sequence_name
+    from garment_jax.model.shipped import check_clips
+
+    out = options.out or Path(f"{options.sequence.stem}_collided.h5")
+    check_clips(options.sequence)
+    check_sequence_name(out)  # before seconds of imports
     from garment_jax.animation.collide import collide_file, summary
     from garment_jax.aot_cache import warm_start
 
-    out = options.out or Path(f"{options.sequence.stem}_collided.h5")
     settings = {} if options.eps is None else {"eps": options.eps / 1000.0}
     settings |= {} if options.iterations is None else {"iterations": options.iterations}
     settings |= {"limbs": False} if options.no_limbs else {}

@@ -50,7 +50,10 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.evaluation.many_pairs import Pair, evaluate_many
+    from garment_jax.model.shipped import check_clips
+
+    check_clips(options.pred, options.truth)
+    from garment_jax.evaluation.many_pairs import Pair, evaluate_many  # seconds of imports
     from garment_jax.evaluation.table import format_table
     from garment_jax.storage.whole import written_whole
 

@@ -60,6 +60,7 @@ def add(commands) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run it."""
     from garment_jax.exporters.command import choose_format, export_file
+    from garment_jax.model.shipped import check_clips
 
     given = _given(options)
     if options.out is None:
@@ -69,6 +70,7 @@ def run(options: argparse.Namespace) -> None:
         )
     if choose_format(options.out, options.format) == "onnx":
         return _run_onnx(options, given)
+    check_clips(options.source)
     if options.source.is_dir():
         raise ValueError(f"{options.source} is a folder; name a sequence file, or --format onnx for a model.")
     if options.clip or options.no_detail:
@@ -83,7 +85,7 @@ def run(options: argparse.Namespace) -> None:
             **given,
         )
     print(
-        f"{', '.join(map(str, report.files))}: {report.frames} frames, {_size(report.bytes)}, "
+        f"{', '.join(map(str, report.files))}: {report.frames} frames, {shown_size(report.bytes)}, "
         f"{report.frames / report.seconds:.3g} frames/s{report.note and '; '}{report.note}"
     )
     say_step(NEXT[choose_format(options.out, options.format)])
@@ -96,8 +98,9 @@ def _given(options: argparse.Namespace) -> dict:
     return given | ({"body": False} if options.no_body else {})
 
 
-def _size(size: int) -> str:
-    return f"{size / 2**20:.1f} MB" if size >= 2**20 else f"{size / 1024:.0f} kB"
+def shown_size(size: int) -> str:
+    """Return so many bytes in MB, below one in kB."""
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
 
 
 def _run_onnx(options: argparse.Namespace, given: dict) -> None:

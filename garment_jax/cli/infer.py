@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from garment_jax.api.opened import Wanted, infer_motion, open_model
+from garment_jax.api.opened import Wanted, check_wanted, infer_motion, open_model
 
 
 def add_options(parser: argparse._ActionsContainer) -> None:
@@ -37,8 +37,10 @@ def add_options(parser: argparse._ActionsContainer) -> None:
 
 
 def wanted(options: argparse.Namespace) -> Wanted:
-    """Return what the options of `add_options` ask for."""
-    return Wanted(**{name: getattr(options, name) for name in Wanted._fields})
+    """Return what the options of `add_options` ask for; `ValueError` for a number that means nothing."""
+    asked = Wanted(**{name: getattr(options, name) for name in Wanted._fields})
+    check_wanted(asked)
+    return asked
 
 
 def infer(*, model: str, motion: str, out: str | None, force: bool = False, **options: Any) -> Iterator[str]:

@@ -46,11 +46,10 @@ def run(options: argparse.Namespace) -> None:
     if motion is None or (options.clip and options.motion):
         raise ValueError("infer takes one motion: name a sequence file, as in infer skirt walk.h5.")
     out = options.out or (None if options.plan else f"{Path(motion).stem}_pred.h5")
+    asked = wanted(options)
     into = "" if out is None else f" -> {out}"
     print(f"infer: {options.model} on {motion}{into}", file=sys.stderr, flush=True)
-    for line in infer(
-        model=options.model, motion=motion, out=out, force=options.force, **wanted(options)._asdict()
-    ):
+    for line in infer(model=options.model, motion=motion, out=out, force=options.force, **asked._asdict()):
         print(line, flush=True)
     if out is not None:
         from garment_jax.io.content_hash import stored_attribute

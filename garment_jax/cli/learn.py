@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.next_step import say_next
-from garment_jax.cli.own_scene import Dressed, add_scene_options, own_motions, own_scene
+from garment_jax.cli.own_scene import Dressed, add_scene_options, check_files, own_motions, own_scene
 from garment_jax.cli.parser import add_command, add_force
 from garment_jax.cli.train import GOES_ON
 
@@ -36,7 +36,11 @@ def add(commands) -> None:
         examples=EXAMPLES,
     )
     parser.add_argument(
-        "embedded", nargs="?", choices=GARMENTS, help="a garment of the package, on its mannequin"
+        "embedded",
+        nargs="?",
+        choices=GARMENTS,
+        metavar="GARMENT",
+        help=f"one of the package, on its mannequin: {', '.join(GARMENTS)}",
     )
     parser.add_argument("--out", type=Path, help="folder of the model (default: models/GARMENT)")
     parser.add_argument("--minutes", type=float, default=30.0, help="how long it may take (default 30)")
@@ -98,7 +102,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def check_given(options: argparse.Namespace) -> None:
-    """Raise `ValueError` for options that do not go together, before anything is loaded."""
+    """Raise `ValueError` or `OSError` for what cannot be, or not together, before anything is read."""
     given = [name for name in _OWN if getattr(options, name) is not None]
     if options.embedded and given:
         raise ValueError(
@@ -114,6 +118,16 @@ def check_given(options: argparse.Namespace) -> None:
             raise ValueError("--vertices is of the package's garments; leave it out.")
     if options.test and not options.motion:
         raise ValueError(f"--test {options.test[0]} is of motions of your own; name them with --motion.")
+    from garment_jax.learning.budget import divide
+    from garment_jax.model.folder import check_no_file
+    from garment_jax.procedural.made import check_count
+
+    divide(options.minutes)
+    if options.vertices is not None:
+        check_count(options.vertices)
+    if options.out is not None:
+        check_no_file(options.out)
+    check_files(options)
 
 
 def _given(options: argparse.Namespace, work: Path) -> "Given":
@@ -126,7 +140,6 @@ def _given(options: argparse.Namespace, work: Path) -> "Given":
     from garment_jax.learning.collider import proposed_collider
     from garment_jax.learning.learn import Given
     from garment_jax.learning.motions import Own, Recorded
-    from garment_jax.procedural.made import check_count
     from garment_jax.procedural.scene import make_outfit
     from garment_jax.simulation.command import (
         EMBEDDED_CLOTH,
@@ -141,7 +154,6 @@ def _given(options: argparse.Namespace, work: Path) -> "Given":
     flat = None if options.pattern is None else read_pattern(options.pattern)
     if options.embedded:
         vertices = 900 if options.vertices is None else options.vertices
-        check_count(vertices)
         scene, own_flat = make_outfit(options.embedded, vertices=vertices)
         flat = own_flat if flat is None else flat
         dressed = Dressed(scene, LoadedBody(scene.body, np.zeros(3), ()), Options())

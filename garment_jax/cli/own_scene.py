@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from garment_jax.storage.missing import not_a_file
+
 if TYPE_CHECKING:
     from garment_jax.importers.bodies import LoadedBody
     from garment_jax.importers.sources import Options
@@ -51,6 +53,17 @@ def add_scene_options(parser: argparse._ActionsContainer, *, required: bool) -> 
     parser.add_argument(
         "--pins", default="top", help="top, none, above:HEIGHT, group:NAME or .npz (default top)"
     )
+
+
+def check_files(options: argparse.Namespace) -> None:
+    """Raise `FileNotFoundError` for a file that is named and not there, before any is read."""
+    for name in ("garment", "body", "collider", "pattern", "joints"):
+        path = getattr(options, name)
+        if path is not None and not path.is_file():
+            raise not_a_file(path, f"name a file with --{name}")
+    for path in options.motion:
+        if not path.exists():
+            raise not_a_file(path, "name files or folders of motions with --motion")
 
 
 def own_scene(options: argparse.Namespace) -> Dressed:

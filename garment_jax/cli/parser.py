@@ -64,7 +64,16 @@ class Parser(argparse.ArgumentParser):
         meant = near(str(value), known, say=f"choose of {', '.join(known)}")
         if isinstance(action, argparse._SubParsersAction):
             self.error(f"there is no {str(action.metavar).lower()} {value!r}; {meant}")
-        self.error(f"{'/'.join(action.option_strings) or action.dest} {value} is no choice; {meant}")
+        self.error(f"{_called(action)} {value} is no choice; {meant}")
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError:
+            if action.type not in (int, float):
+                raise
+            number = "whole number" if action.type is int else "number"
+            self.error(f"{_called(action)} {arg_string} is no {number} ({action.help})")
 
     def _refuse_unknown(self, words: Sequence[str]) -> None:
         """Refuse the first option that there is not, before anything is said of what is missing."""
@@ -89,6 +98,11 @@ def at_home(word: str) -> str:
     """Return a word with `~` at its beginning as the home folder; shells leave --OPTION=~/PATH as it is."""
     option, equals, value = word.partition("=")
     return option + equals + os.path.expanduser(value) if option[:2] == "--" else os.path.expanduser(word)
+
+
+def _called(action: argparse.Action) -> str:
+    """Return what a user calls an option or an input."""
+    return "/".join(action.option_strings) or str(action.metavar or action.dest)
 
 
 def add_command(commands: Any, name: str, *, does: str, examples: str, **given: Any) -> Parser:

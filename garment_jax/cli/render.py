@@ -28,6 +28,8 @@ def add(commands) -> None:
     parser.add_argument("--frames", type=int, default=6, help="columns of the contact sheet (default 6)")
     parser.add_argument("--animation", action="store_true", help="also a film, NAME.gif")
     parser.add_argument("--seconds", type=float, default=8.0, help="length of the film (default 8)")
+    parser.add_argument("--start", type=int, default=0, metavar="N", help="first frame (default 0)")
+    parser.add_argument("--stop", type=int, metavar="N", help="frame before which to stop (default: the end)")
     parser.add_argument("--side-view", action="store_true", help="also a sheet from the side")
     parser.add_argument(
         "--whole-body",
@@ -43,15 +45,18 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.evaluation.render import render_files
+    from garment_jax.model.shipped import check_clips
+
+    check_clips(*options.paths)
+    from garment_jax.evaluation.render import render_files  # seconds of imports
 
     if len(options.paths) > 2:
         raise ValueError(
             f"render takes a file, or PRED TRUTH, not {len(options.paths)} paths; run it once a pair."
         )
     pairs = [options.paths] if len(options.paths) == 1 else pair_files(*options.paths)
-    names = ("frames", "animation", "seconds", "side_view", "whole_body", "scale_cm", "azimuth", "height")
-    settings = {name: getattr(options, name) for name in (*names, "force")}
+    names = ("frames", "animation", "seconds", "start", "stop", "side_view", "whole_body", "scale_cm")
+    settings = {name: getattr(options, name) for name in (*names, "azimuth", "height", "force")}
     left_out = LeftOut(len(pairs))
     for pair in pairs:
         with left_out.reading(pair[0]):

@@ -29,7 +29,7 @@ def add(commands) -> None:
         type=Path,
         nargs="+",
         metavar="RUN",
-        help="folder that train.py wrote; of several, and of a model that they began from, the mean is saved",
+        help="folder that train.py wrote, or a model; of several the mean is saved",
     )
     parser.add_argument("--out", type=Path, help="folder of the model (default: models/ and the run's name)")
     add_force(parser)
@@ -49,14 +49,16 @@ def run(options: argparse.Namespace) -> None:
     from garment_jax.evaluation.portrait import template_portrait
     from garment_jax.model.folder import MEASURED, check_no_model
     from garment_jax.model.mean_model import mean_model
+    from garment_jax.model.shipped import find_model
     from garment_jax.model.store import save_model
     from garment_jax.training.pipeline import trained_model
 
+    names = list(map(str, options.runs))
+    options.runs = [find_model(run) for run in options.runs]
     if options.out is None:
         options.out = Path("models") / options.runs[0].resolve().name
     check_no_model(options.out, options.force)
     measured = [name for name in MEASURED if (options.out / name).is_file()]
-    names = list(map(str, options.runs))
     model = mean_model([trained_model(run) for run in options.runs], names)
     sample = _sample(options.scene, options.runs, model)
     picture = None if sample is None else template_portrait(sample.scene)

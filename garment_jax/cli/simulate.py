@@ -9,7 +9,7 @@ from garment_jax.cli.choices import GARMENTS
 from garment_jax.cli.farm_options import add_farm_options, farm_of, shard_of
 from garment_jax.cli.motion_options import add_motion_options
 from garment_jax.cli.next_step import say_next
-from garment_jax.cli.own_scene import add_scene_options, own_motions, own_scene
+from garment_jax.cli.own_scene import add_scene_options, check_files, own_motions, own_scene
 from garment_jax.cli.parser import add_command
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _add_embedded(ways, shared: argparse.ArgumentParser) -> None:
         does="a garment, the mannequin and motions that the package makes",
         examples=EXAMPLES["embedded"],
     )
-    parser.add_argument("garment", choices=GARMENTS, help="the garment")
+    parser.add_argument("garment", choices=GARMENTS, metavar="GARMENT", help=f"one of {', '.join(GARMENTS)}")
     parser.add_argument("--vertices", type=int, default=900, help="of the garment, about (default 900)")
     parser.add_argument("--frames", type=int, default=900, help="of the motions, in all (default 900)")
     parser.add_argument("--seed", type=int, default=0, help="of the motions (default 0)")
@@ -130,6 +130,10 @@ def _add_files(ways, shared: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Simulate what the way says."""
     shard = shard_of(options)
+    if options.device != "cpu" and options.farm is None:
+        from garment_jax.simulation.engine import find_device  # warp
+
+        find_device(options.device)
     with farm_of(options) as farm:
         options.simulate(options, farm, shard)
 
@@ -175,6 +179,7 @@ def files(options: argparse.Namespace, farm: "Farm", shard: "Shard | None") -> N
     from garment_jax.simulation.command import check_rest_shape
 
     settings = _settings(options)
+    check_files(options)
     flat = _pattern(options)
     left_out: list[str] = []
     dressed = own_scene(options)

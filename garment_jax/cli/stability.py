@@ -20,7 +20,13 @@ def add(commands) -> None:
         does="check stiff and extreme cases on a garment and a model",
         examples=EXAMPLES,
     )
-    parser.add_argument("run_dir", nargs="?", type=Path, metavar="RUN", help="run or model, for its rollouts")
+    parser.add_argument(
+        "run_dir",
+        nargs="?",
+        type=Path,
+        metavar="RUN",
+        help="run or model, or a shipped one's name, for its rollouts",
+    )
     parser.add_argument("--garment", choices=GARMENTS, help="an embedded garment (default skirt)")
     parser.add_argument(
         "--clips",
@@ -37,10 +43,13 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it."""
-    from garment_jax.stability.report import passed, stability
+    from garment_jax.model.shipped import find_model
+
+    run = None if options.run_dir is None else find_model(options.run_dir)
+    from garment_jax.stability.report import passed, stability  # seconds of imports
 
     cases = stability(
-        options.run_dir,
+        run,
         garment=options.garment,
         clips=options.clips,
         full=options.full,

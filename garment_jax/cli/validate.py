@@ -38,11 +38,14 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run it; 1 if any file has an error, or could not be repaired."""
-    from garment_jax.validation.fixes import check_out, fix_file
+    from garment_jax.model.shipped import check_clips
+
+    _check(options)
+    check_clips(*options.paths)
+    from garment_jax.validation.fixes import check_out, fix_file  # seconds of imports
     from garment_jax.validation.report import format_report, format_totals, to_json
     from garment_jax.validation.validate import Options, list_files, validate_files
 
-    _check(options)
     files = list_files(options.paths)
     if options.fix:
         check_out(files, options.out)

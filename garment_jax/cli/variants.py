@@ -19,7 +19,12 @@ def add(commands) -> None:
         does="measure a saved model's cheaper variants, for infer.py --budget-ms",
         examples=EXAMPLES,
     )
-    parser.add_argument("model", type=Path, metavar="MODEL", help="saved model; its variants.json is written")
+    parser.add_argument(
+        "model",
+        type=Path,
+        metavar="MODEL",
+        help="saved model, or a shipped one by name; its variants.json is written",
+    )
     parser.add_argument("--validation", nargs="+", type=Path, required=True, help="clips that choose")
     parser.add_argument("--test", nargs="*", type=Path, default=[], help="clips that are only reported")
     parser.add_argument("--errors", action="store_true", help="errors of whole rollouts, at any time")
@@ -31,14 +36,17 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
-    from garment_jax.bench.variants import measure_variants
+    from garment_jax.model.shipped import find_model
 
+    folder = find_model(options.model)
     if options.every < 1 or options.frames < 0:
         raise ValueError(
             f"--every {options.every} and --frames {options.frames}: give 1 or more, and 0 (all) or more."
         )
+    from garment_jax.bench.variants import measure_variants  # seconds of imports
+
     path = measure_variants(
-        options.model,
+        folder,
         options.validation,
         options.test,
         errors=options.errors,

@@ -42,7 +42,10 @@ def add(commands) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run it."""
+    from garment_jax.model.shipped import check_clips
     from garment_jax.viewer.command import view_files
+
+    check_clips(*options.paths)
 
     out = options.out or Path(f"{options.paths[0].stem}.html")
     names = ("truth", "title", "penetration", "start", "stop", "every", "scale_cm", "force")

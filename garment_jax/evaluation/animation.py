@@ -57,5 +57,5 @@ def save_webp(path: Path, pictures: Iterable[np.ndarray], *, film_fps: float, qu
         duration=[int(d) for d in np.diff(edges)],
         loop=0,
         quality=quality,
-        method=6,
+        method=4,  # 6 takes eighteen times as long for 3 % fewer bytes
     )

@@ -56,7 +56,7 @@ def evaluate_files(
     vertices that are not finite and for settings out of range.
     """
     if every < 1:
-        raise ValueError(f"every={every} must be 1 or more; 1 measures all frames.")
+        raise ValueError(f"--every {every} must be 1 or more; 1 measures all frames.")
     sted.check_window(sted_window_frames)
     with open_sequence(pred) as p, open_sequence(truth) as q:
         check_pair(p, q)

@@ -11,13 +11,19 @@ import numpy as np
 from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
 from garment_jax.evaluation.colours import body_colours, garment_colours
 from garment_jax.evaluation.portrait import frame_portrait
-from garment_jax.evaluation.view import body_at, camera_at, frame_clips, picture, read_frames
-from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.evaluation.view import (
+    body_at,
+    camera_at,
+    frame_clips,
+    outermost_frames,
+    picture,
+    read_frames,
+)
+from garment_jax.io.sequence import Sequence, chosen_frames, open_sequence
 from garment_jax.storage.whole import written_whole
 
 FPS = {".gif": 15.0, ".webp": 15.0, ".mp4": 30.0}
 SUPERSAMPLING = 2
-_PROBES = 12  # frames that decide what is in view
 _SMALLEST, _LARGEST = 32, 4096  # pixels
 
 
@@ -27,21 +33,27 @@ def film_file(
     *,
     height: int = 480,
     azimuth: float = 35.0,
+    start: int = 0,
+    stop: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Write the film `out` of a sequence file, `height` pixels high, and return it.
+    """Write the film `out` of frames `start … stop - 1` of a sequence file, `height` pixels high; return it.
 
     The camera follows the body and keeps its direction, `azimuth` degrees from the first frame's front. A
     .mp4 (30 frames a second) needs ffmpeg; a .webp and a .gif have 15. `progress` is called with the frames
-    drawn and those to draw. Raises `ValueError` or `OSError` in one sentence; then nothing is written.
+    drawn and those to draw, `say` with what is done after them. Raises `ValueError` or `OSError` in one
+    sentence; then nothing is written.
     """
     out = Path(out)
     suffix = out.suffix.lower()
     check_height(height)
     with open_sequence(path) as clip, written_whole(out) as (made,):
         rate = min(FPS[suffix], clip.fps)
-        shown = film_frames(clip.frames, clip.fps, film_fps=FPS[suffix], seconds=clip.frames / clip.fps)
-        pictures = _pictures(clip, shown, height, azimuth, progress)
+        frames = np.array(chosen_frames(clip, start, stop))
+        seconds = len(frames) / clip.fps
+        shown = frames[film_frames(len(frames), clip.fps, film_fps=FPS[suffix], seconds=seconds)]
+        pictures = _pictures(clip, shown, height, azimuth, progress, say)
         if suffix == ".gif":
             save_gif(made, pictures, film_fps=rate)
         elif suffix == ".webp":
@@ -51,11 +63,14 @@ def film_file(
     return out
 
 
-def still_file(path: str | Path, out: str | Path, *, height: int = 480) -> Path:
-    """Write the picture `out`, a PNG, of a sequence file's middle frame and return it."""
+def still_file(
+    path: str | Path, out: str | Path, *, height: int = 480, start: int = 0, stop: int | None = None
+) -> Path:
+    """Write the picture `out`, a PNG, of the middle one of frames `start … stop - 1` and return it."""
     check_height(height)
     with open_sequence(path) as clip, written_whole(Path(out)) as (made,):
-        frame = clip.frames // 2
+        frames = chosen_frames(clip, start, stop)
+        frame = frames[len(frames) // 2]
         garment = read_frames(clip, np.array([frame]))[0]
         made.write_bytes(frame_portrait(clip.scene, clip.motion, frame, garment, height=height))
     return Path(out)
@@ -87,9 +102,10 @@ def _pictures(
     height: int,
     azimuth: float,
     progress: Callable[[int, int], None] | None,
+    say: Callable[[str], None],
 ) -> Iterator[np.ndarray]:
     """Yield the pictures `[h, w, 3]` uint8 of frames `shown`, one frame in memory at a time."""
-    probes = shown[:: max(len(shown) // _PROBES, 1)]
+    probes = outermost_frames([clip], shown, azimuth=azimuth)
     bodies, root, yaw = body_at(clip, probes)
     garments = [read_frames(clip, probes)]
     framing = frame_clips(
@@ -107,6 +123,7 @@ def _pictures(
         )  # fmt: skip
         if progress is not None:
             progress(done, len(shown))
+    say("encoding")  # a .webp or .gif begins only now
 
 
 def _save_mp4(path: Path, pictures: Iterable[np.ndarray], fps: float) -> None:

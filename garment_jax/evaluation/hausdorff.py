@@ -18,6 +18,6 @@ def hausdorff_frame(V: np.ndarray, V_star: np.ndarray, faces: np.ndarray) -> flo
 def hausdorff(V: np.ndarray, V_star: np.ndarray, faces: np.ndarray, *, every: int = 1) -> float:
     """Return the Hausdorff distance of `[t, n, 3]` sequences: the mean over every k-th frame, cm."""
     if every < 1:
-        raise ValueError(f"every={every} must be 1 or more; 1 measures all frames.")
+        raise ValueError(f"--every {every} must be 1 or more; 1 measures all frames.")
     pairs = zip(V[::every], V_star[::every], strict=True)
     return float(np.mean([hausdorff_frame(v, w, faces) for v, w in pairs]))

@@ -22,9 +22,18 @@ from garment_jax.evaluation.drawn_by import png_text
 from garment_jax.evaluation.error_curve import save_error_curve
 from garment_jax.evaluation.pair import check_pair, read_finite
 from garment_jax.evaluation.rmse import vertex_distance
-from garment_jax.evaluation.view import Framing, body_at, camera_at, frame_clips, picture, read_frames
-from garment_jax.io.sequence import Sequence, open_sequence
+from garment_jax.evaluation.view import (
+    Framing,
+    body_at,
+    camera_at,
+    frame_clips,
+    outermost_frames,
+    picture,
+    read_frames,
+)
+from garment_jax.io.sequence import Sequence, chosen_frames, open_sequence
 from garment_jax.storage.overwriting import check_free
+from garment_jax.storage.scratch import unmade
 from garment_jax.storage.whole import written_whole
 
 WINDOW = 64  # frames read at a time
@@ -44,18 +53,21 @@ def render_files(
     whole_body: bool = True,
     height: int | None = None,
     seconds: float = 6.0,
+    start: int = 0,
+    stop: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Draw one sequence file, or a prediction and its truth (in that order), into the folder `out`.
 
-    Writes `NAME_sheet.png` (NAME being the first file's) with `frames` columns; of two files also the error
-    heat map in the sheet (colours up to `scale_cm`, by default a round number that covers 99 of 100
-    vertices) and `NAME_error.png`, the error over time. `side_view` adds `NAME_side.png`, `animation` adds
-    `NAME.gif` (the first `seconds` at 15 fps). `azimuth` in degrees from the body's front; without
-    `whole_body` pictures end a hand above the garment. `height` of a picture in pixels, by default 360 in
-    sheets and 240 in the film. `force` replaces pictures that are there. `progress` is called with the frames
-    drawn and those to draw, of all sheets and the film together. Returns what was written.
+    Of frames `start … stop - 1`, all by default. Writes `NAME_sheet.png` (NAME being the first file's) with
+    `frames` columns; of two files also the error heat map in the sheet (colours up to `scale_cm`, by
+    default a round number that covers 99 of 100 vertices) and `NAME_error.png`, the error over time.
+    `side_view` adds `NAME_side.png`, `animation` adds `NAME.gif` (the first `seconds` at 15 fps). `azimuth`
+    in degrees from the body's front; without `whole_body` pictures end a hand above the garment. `height`
+    of a picture in pixels, by default 360 in sheets and 240 in the film. `force` replaces pictures that are
+    there. `progress` is called with the frames drawn and those to draw, of all sheets and the film
+    together. The pictures appear together, when all are drawn. Returns what was written.
 
     Raises `ValueError` for another number of files, files that do not belong together, settings out of
     range, an `out` that is a file and pictures that are there without `force`, `OSError` where the folder
@@ -67,6 +79,8 @@ def render_files(
         clips = [stack.enter_context(open_sequence(path)) for path in paths]
         if len(clips) == 2:
             check_pair(clips[0], clips[1])
+        part = chosen_frames(clips[-1], start, stop)
+        stack.enter_context(unmade(out))
         _make_folder(out)
         name, title = Path(paths[0]).stem, _title(clips[-1])
         views = [(azimuth, "sheet"), (90.0, "side")] if side_view else [(azimuth, "sheet")]
@@ -75,14 +89,16 @@ def render_files(
         written = [*([curve] if len(clips) == 2 else []), *sheets, *([movie] if animation else [])]
         for path in written:
             check_free(path, force)
+        made = dict(zip(written, stack.enter_context(written_whole(*written)), strict=True))
         if len(clips) == 2:
-            title += f", RMSE {_error_curve(clips, curve):.2f} cm"
-        film = _filmed(clips[-1], seconds) if animation else np.zeros(0, int)
-        drawn = _Drawn(len(views) * min(frames, clips[-1].frames) + len(film), progress)
+            title += f", RMSE {_error_curve(clips, made[curve], part):.2f} cm"
+        film = _filmed(clips[-1], seconds, part) if animation else np.zeros(0, int)
+        drawn = _Drawn(len(views) * min(frames, len(part)) + len(film), progress)
         for (angle, _), path in zip(views, sheets, strict=True):
-            _sheet(clips, path, title, frames, height or SHEET_HEIGHT, angle, scale_cm, whole_body, drawn)
+            size = height or SHEET_HEIGHT
+            _sheet(clips, made[path], title, part, frames, size, angle, scale_cm, whole_body, drawn)
         if animation:
-            _film(clips, movie, azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
+            _film(clips, made[movie], azimuth, scale_cm, film, height or FILM_HEIGHT, whole_body, drawn)
         return written
 
 
@@ -109,15 +125,17 @@ def _check_settings(
     if len(paths) not in (1, 2):
         raise ValueError(f"{len(paths)} files to render; give one clip, or a prediction and its truth.")
     if frames < 1:
-        raise ValueError(f"frames={frames} must be 1 or more; 6 makes a good sheet.")
+        raise ValueError(f"--frames {frames} must be 1 or more; 6 makes a good sheet.")
     if height is not None and not 32 <= height <= 4096:
-        raise ValueError(f"height={height} pixels must lie between 32 and 4096; try 360.")
+        raise ValueError(f"--height {height} pixels must lie between 32 and 4096; try 360.")
     if not 0 < seconds < math.inf:
-        raise ValueError(f"seconds={seconds:g} must be above 0 and finite; try 6.")
+        raise ValueError(f"--seconds {seconds:g} must be above 0 and finite; try 6.")
     if scale_cm is not None and not 0 < scale_cm < math.inf:
-        raise ValueError(f"scale_cm={scale_cm:g} must be above 0 and finite; leave it out for a round one.")
+        raise ValueError(f"--scale-cm {scale_cm:g} must be above 0 and finite; leave it out for a round one.")
     if not math.isfinite(azimuth):
-        raise ValueError(f"azimuth={azimuth:g} must be an angle in degrees; 35 looks from the front's side.")
+        raise ValueError(
+            f"--azimuth {azimuth:g} must be an angle in degrees; 35 looks from the front's side."
+        )
 
 
 def _make_folder(out: Path) -> None:
@@ -129,16 +147,16 @@ def _make_folder(out: Path) -> None:
         raise OSError(f"--out {out} cannot be made ({error.strerror}); name another folder.") from error
 
 
-def _error_curve(clips: list[Sequence], path: Path) -> float:
-    """Write the curve and return the clip's RMSE in cm."""
+def _error_curve(clips: list[Sequence], path: Path, part: range) -> float:
+    """Write the curve of frames `part` and return their RMSE in cm."""
     pred, truth = clips
     distance = []
-    for start in range(0, truth.frames, WINDOW):
-        stop = min(start + WINDOW, truth.frames)
+    for start in range(part.start, part.stop, WINDOW):
+        stop = min(start + WINDOW, part.stop)
         d = vertex_distance(read_finite(pred, start, stop), read_finite(truth, start, stop))
         distance.append(np.stack([np.sqrt((d**2).mean(axis=1)), d.max(axis=1)]))
     rmse_cm, largest_cm = np.concatenate(distance, axis=1)
-    save_error_curve(path, rmse_cm, largest_cm, fps=truth.fps, title=truth.name)
+    save_error_curve(path, rmse_cm, largest_cm, fps=truth.fps, title=truth.name, first=part.start)
     return float(np.sqrt((rmse_cm**2).mean()))
 
 
@@ -146,6 +164,7 @@ def _sheet(
     clips: list[Sequence],
     path: Path,
     title: str,
+    part: range,
     frames: int,
     height: int,
     azimuth: float,
@@ -154,8 +173,8 @@ def _sheet(
     drawn: _Drawn,
 ) -> None:
     clip = clips[-1]
-    count = min(frames, clip.frames)
-    shown = ((np.arange(count) + 0.5) * clip.frames / count).astype(int)
+    count = min(frames, len(part))
+    shown = part.start + ((np.arange(count) + 0.5) * len(part) / count).astype(int)
     garments = [read_frames(c, shown) for c in clips]
     bodies, root, yaw = body_at(clip, shown)
     framing = frame_clips(bodies, garments, root, yaw, height=height, azimuth=azimuth, whole_body=whole_body)
@@ -163,8 +182,7 @@ def _sheet(
     rows, scale = _rows(clips, garments, bodies, root, yaw, skin, framing, scale_cm, drawn)
     heads = [f"{f / clip.fps:.1f} s" for f in shown]
     sheet = contact_sheet(title, heads, rows, scale)
-    with written_whole(path) as (made,):
-        sheet.save(made, format="PNG", optimize=True, pnginfo=png_text())
+    sheet.save(path, format="PNG", optimize=True, pnginfo=png_text())
 
 
 def _title(clip: Sequence) -> str:
@@ -220,9 +238,9 @@ def _rows(
     ], scale
 
 
-def _filmed(clip: Sequence, seconds: float) -> np.ndarray:
-    """Return the clip's frames that a film of `seconds` shows."""
-    return film_frames(clip.frames, clip.fps, film_fps=FILM_FPS, seconds=seconds)
+def _filmed(clip: Sequence, seconds: float, part: range) -> np.ndarray:
+    """Return those of the clip's frames `part` that a film of `seconds` shows."""
+    return part.start + film_frames(len(part), clip.fps, film_fps=FILM_FPS, seconds=seconds)
 
 
 def _film(
@@ -237,7 +255,7 @@ def _film(
 ) -> None:
     """Write the film, one frame of the clip in memory at a time beside the finished pictures."""
     clip = clips[-1]
-    probe = shown[:: max(len(shown) // 12, 1)]
+    probe = outermost_frames(clips, shown, azimuth=azimuth)
     bodies, root, yaw = body_at(clip, probe)
     garments = [read_frames(c, probe) for c in clips]
     framing = frame_clips(
@@ -254,5 +272,4 @@ def _film(
         rows, _ = _rows(clips, garment, body, at, turn, skin, framing, scale_cm, drawn)
         return np.concatenate([row.pictures[0] for row in rows], axis=1)
 
-    with written_whole(path) as (made,):
-        save_gif(made, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))
+    save_gif(path, (panel(int(f)) for f in shown), film_fps=min(FILM_FPS, clip.fps))

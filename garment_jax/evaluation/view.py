@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from garment_jax.body.kinematics import pose_body
+from garment_jax.body.kinematics import joint_positions, pose_body
 from garment_jax.body.root_frame import heading
 from garment_jax.evaluation.camera import Camera, look_at, view_direction
 from garment_jax.evaluation.pair import read_finite
@@ -13,6 +13,7 @@ from garment_jax.io.sequence import Sequence
 
 HEADROOM = 0.05  # metres of body shown above the garment
 MARGIN = 1.10
+_SPREAD = 12  # frames of a film that are looked at anyway
 
 
 class Framing(NamedTuple):
@@ -59,6 +60,30 @@ def frame_clips(
     span = max(high - low, 2 * widest / aspect) * MARGIN
     width = 2 * round(height * aspect / 2)
     return Framing(floor, (low + high) / 2, span, height, width, azimuth, None if follow else float(yaw[0]))
+
+
+def outermost_frames(clips: list[Sequence], shown: np.ndarray, *, azimuth: float) -> np.ndarray:
+    """Return those of frames `shown` `[k]` that decide what a camera that keeps its direction has to hold.
+
+    Twelve spread over them and those in which a joint or the garments reach farthest to a side, up or down:
+    the body itself is posed in these alone. They begin with the first. Raises `ValueError` for a frame that
+    is not finite.
+    """
+    motion, body = clips[-1].motion, clips[-1].scene.body
+    rotations, root = motion.rotations[shown], motion.root[shown]
+    right = np.cross([0.0, 1.0, 0.0], view_direction(float(heading(rotations[:1, 0])[0]), azimuth=azimuth))
+    joints = joint_positions(rotations, root, body)
+    aside = np.abs((joints - root[:, None]) @ right)
+    legs = np.where(joints[..., 1] < root[:, None, 1], aside, 0.0)
+    reaches = [aside.max(axis=1), legs.max(axis=1), joints[..., 1].max(axis=1), -joints[..., 1].min(axis=1)]
+    for clip in clips:
+        cloth = np.zeros((len(shown), 2))
+        for k, frame in enumerate(shown):
+            V = read_finite(clip, int(frame), int(frame) + 1)[0]
+            cloth[k] = np.abs((V - root[k]) @ right).max(), V[:, 1].max()
+        reaches += list(cloth.T)
+    farthest = shown[[int(reach.argmax()) for reach in reaches]]
+    return np.union1d(shown[:: max(len(shown) // _SPREAD, 1)], farthest)
 
 
 def camera_at(framing: Framing, root: np.ndarray, yaw: float, *, supersampling: int) -> Camera:

@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from garment_jax.body.kinematics import pose_body
-from garment_jax.io.sequence import Sequence
+from garment_jax.body.rates import FASTEST, SLOWEST
+from garment_jax.io.sequence import Sequence, chosen_frames
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # metres
-_FARTHEST = 1_000_000  # number of a first frame: some formats keep it as float32
+FARTHEST = 1_000_000  # number of a first frame: some formats keep it as float32
 WINDOW = 16  # frames in memory at a time
 Progress = Callable[[int, int], None]  # frames done, frames in all
 
@@ -34,16 +35,16 @@ class ExportClip:
         body: bool = True,
         progress: Progress | None = None,
     ) -> None:
-        stop = sequence.frames if stop is None else stop
         rate = sequence.fps if fps is None else fps
-        _check(sequence, unit, up, rate, start, stop)
-        if abs(first_frame) > _FARTHEST:
-            raise ValueError(f"--frame-offset {first_frame} is out of range; give {_FARTHEST} at most.")
+        _check(unit, up, rate)
+        frames = chosen_frames(sequence, start, stop)
+        if abs(first_frame) > FARTHEST:
+            raise ValueError(f"--frame-offset {first_frame} is out of range; give {FARTHEST} at most.")
         sequence.read(start, start + 1)  # a motion without a garment is refused before anything is written
         self.sequence, self.garment, self.body = sequence, sequence.scene.garment, sequence.scene.body
         self.unit, self.up, self.fps = UNITS[unit], up, float(rate)
         self.scale = 1 / self.unit
-        self.first_frame, self.start, self.stop = first_frame, start, stop
+        self.first_frame, self.start, self.stop = first_frame, frames.start, frames.stop
         self.with_body = body
         self._progress, self._done = progress, 0
 
@@ -88,15 +89,10 @@ class ExportClip:
             self._progress(self._done, self.frames * (1 + self.with_body))
 
 
-def _check(sequence: Sequence, unit: str, up: str, fps: float, start: int, stop: int) -> None:
+def _check(unit: str, up: str, fps: float) -> None:
     if unit not in UNITS:
         raise ValueError(f"--out-unit {unit} is unknown; choose m, cm or mm.")
     if up not in ("Y", "Z"):
         raise ValueError(f"--out-up {up} is unknown; choose Y or Z.")
-    if not 0 < fps < 10_000:
-        raise ValueError(f"--fps {fps:g} is out of range; give frames a second, such as 30.")
-    if not 0 <= start < stop <= sequence.frames:
-        raise ValueError(
-            f"{sequence.path} has {sequence.frames} frames; --start {start} --stop {stop} must fit "
-            f"0 <= start < stop <= {sequence.frames}."
-        )
+    if not SLOWEST <= fps <= FASTEST:
+        raise ValueError(f"--fps {fps:g} is out of range; give 1 to 10000 frames a second, such as 30.")

@@ -87,8 +87,13 @@ def export_file(
 def choose_format(out: Path, format: str | None) -> str:
     """Return the format of `out`, checked against its suffix; raises `ValueError` where they disagree."""
     suffix = out.suffix.lower()
+    if suffix == ".fbx":
+        raise ValueError(f"--out {out}: FBX is not written; end it in .glb, .usdc or .abc.")
     if format is None:
         found = [name for name, suffixes in SUFFIXES.items() if suffix and suffix in suffixes]
+        if not found and suffix:
+            endings = ", ".join(known[0] for known in SUFFIXES.values() if known[0])
+            raise ValueError(f"--out {out}: its ending names no format; end it in {endings}.")
         if not found:
             raise ValueError(f"--out {out}: its ending names no format; give --format {'|'.join(SUFFIXES)}.")
         return found[0]

@@ -90,7 +90,8 @@ def split_vertices(garment: Garment) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 def _check_metres(scale: float, up: str, path: Path) -> None:
     if scale != 1.0 or up != "Y":
-        given = f"scale={scale}" if scale != 1.0 else f"up={up!r}"
+        unit = {100.0: "cm", 1000.0: "mm"}.get(scale, "other than m")
+        given = f"--out-unit {unit}" if scale != 1.0 else f"--out-up {up}"
         raise ValueError(
             f"{path}: {given} is refused, since glTF fixes metres and Y up; programs that import it turn it "
             "to their own."

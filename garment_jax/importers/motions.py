@@ -56,7 +56,7 @@ def read_motion(
     fps: float | None = None,
     source_fps: float | None = None,
     joints: Mapping[str, str] | None = None,
-    skip: int = 0,
+    skip: int | None = 0,
     floor: bool = False,
     centre: bool = True,
     rest_frame: int | None = None,
@@ -73,13 +73,13 @@ def read_motion(
 
     BVH, AMASS and VirtualBones `.npz`, AIST++ and vto-dataset `.pkl`, glTF, FBX, or a sequence file.
     `source_fps`: the file's true rate, where it does not say or lies. `joints`: body joint -> file joint (by
-    names without it). `skip`: frames to drop at the beginning. `floor` lifts the whole motion by one
-    constant: in the median frame the lowest joint is as high as in the canonical pose. `centre` begins a BVH
-    at x = z = 0, the others stay where they are. `rest_frame`: the frame in which the file's skeleton stands
-    in a T- or A-pose, where its rest pose does not. `unit` and `up` replace what the format says; `rest_up`
-    is the axis that was up in the body's file: a glTF motion turns its joints from that rest pose, and has
-    that axis without `up`. `origin` `[3]`: the body file's own origin (`LoadedBody.origin`), from which
-    SMPL's translations count.
+    names without it). `skip`: frames to drop at the beginning, None: a rest pose and the jump out of it.
+    `floor` lifts the motion by one constant: in the median frame the lowest joint is as high as in the
+    canonical pose. `centre` begins a BVH at x = z = 0, the others stay where they are. `rest_frame`: that
+    in which the file's skeleton stands in a T- or A-pose, where its rest pose does not. `unit` and `up`
+    replace what the format says; `rest_up` is the axis that was up in the body's file: a glTF motion turns
+    its joints from that rest pose, and has that axis without `up`. `origin` `[3]`: the body file's own origin
+    (`LoadedBody.origin`), from which SMPL's translations count.
     `animation`, `mesh` and `skeleton` choose of a glTF that holds several (`formats.gltf.read_animation`).
     `say` takes what was decided for the user. Raises `FileNotFoundError`, `OSError` or `ValueError`, by file.
     """
@@ -110,9 +110,12 @@ def read_motion(
     rate = found.rate if source_fps is None else source_fps
     if rate is None:
         raise ValueError(f"{path}: the file does not say its frame rate; give --source-fps, for example 30.")
-    begins = leading_frames(track_speeds(found.track, rate)[skip:])
-    if begins:
-        say(f"{path}: it jumps out of a rest pose; --skip {skip + begins} leaves that out")
+    dropped = skip or 0
+    begins = leading_frames(track_speeds(found.track, rate)[dropped:])
+    if begins and skip is None:
+        say(f"{path}: {begins} rest-pose frame{'s' * (begins > 1)} left out (--skip 0 keeps them)")
+    elif begins:
+        say(f"{path}: it jumps out of a rest pose; --skip {dropped + begins} leaves that out")
     try:
         return retarget(
             found.track,
@@ -120,7 +123,7 @@ def read_motion(
             joints=joints,
             fps=rate if fps is None else fps,
             source_fps=rate,
-            skip=skip,
+            skip=begins if skip is None else dropped,
             scale=found.metres if bvh else None,
             metres=None if bvh else found.metres,
             floor=floor,

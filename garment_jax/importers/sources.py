@@ -22,7 +22,7 @@ class Options(NamedTuple):
     fps: float | None = None  # of a clip whose file does not say; the rate to bring motions to
     source_fps: float | None = None  # true rate of motion files that do not say it, or lie
     joints: Path | None = None  # table of joint names
-    skip: int = 0  # first frames of motion files to drop
+    skip: int | None = 0  # first frames of motion files to drop; None: those of a rest pose
     rest_frame: int | None = None  # frame of motion files that is their rest pose
     floor: bool = False  # lift motions so that the feet are on the floor
     unwrap: bool = False

@@ -29,7 +29,7 @@ from garment_jax.io.hdf5 import (
 from garment_jax.io.sequence_writer import DEFAULT_SCALE, MOTION_ONLY, SequenceWriter
 from garment_jax.structs import Motion, Scene
 
-__all__ = ["DEFAULT_SCALE", "Sequence", "SequenceWriter", "open_sequence"]
+__all__ = ["DEFAULT_SCALE", "Sequence", "SequenceWriter", "chosen_frames", "open_sequence"]
 
 
 class Sequence:
@@ -141,6 +141,17 @@ def open_sequence(path: str | Path) -> Sequence:
     each in one sentence with the remedy.
     """
     return Sequence(path)
+
+
+def chosen_frames(clip: Sequence, start: int = 0, stop: int | None = None) -> range:
+    """Return the numbers of frames `start … stop - 1` (None: to the end); `ValueError` for others."""
+    stop = clip.frames if stop is None else stop
+    if not 0 <= start < stop <= clip.frames:
+        raise ValueError(
+            f"{clip.path} has {clip.frames} frames; --start {start} --stop {stop} must fit "
+            f"0 <= start < stop <= {clip.frames}."
+        )
+    return range(start, stop)
 
 
 def read_arrays(file: h5py.File, where: str, *, in_stretches: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -24,13 +24,18 @@ LARGEST_SIZE = 8192  # of a layer, a map's side, a count; the largest of any mod
 _REPLACED = f"{FACTS}.replaced"  # the old facts while the other files change
 
 
+def check_no_file(folder: Path) -> None:
+    """Raise `ValueError` for a file in the place of a model's folder."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out {folder} is a file; a model fills a folder, name a new one.")
+
+
 def check_replaceable(folder: Path, garment_hash: str) -> None:
     """Check that a model of the garment may be saved into `folder`: a new or empty one, or its own model's.
 
     Raises `ValueError` for a file, a run, a folder of other things and a model of another garment.
     """
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"--out {folder} is a file; a model fills a folder, name a new one.")
+    check_no_file(folder)
     if not folder.is_dir():
         return
     if (folder / "checkpoints").is_dir():

@@ -26,6 +26,15 @@ def shipped_model(name: str | Path) -> Path | None:
     return shipped_models().get(path.name if path.parent == Path("models") else str(name))
 
 
+def check_clips(*paths: Path) -> None:
+    """Raise `ValueError` for the name of a shipped model where sequence files are asked for."""
+    for path in paths:
+        if not path.exists() and shipped_model(path) is not None:
+            raise ValueError(
+                f"{path} is a model; garment-jax animate {path} --out {path.name}.h5 makes a clip of it."
+            )
+
+
 def find_model(model: str | Path) -> Path:
     """Return the folder of a model or run: `model` itself where it is one, else the shipped one of that name.
 

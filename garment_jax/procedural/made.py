@@ -20,4 +20,6 @@ class MadeGarment(NamedTuple):
 def check_count(vertices: int) -> None:
     """Raise ValueError unless `vertices` is a number of vertices that a garment can be made of."""
     if not FEWEST <= vertices <= MOST:
-        raise ValueError(f"vertices={vertices} must lie between {FEWEST} and {MOST}; 900 makes a light one.")
+        raise ValueError(
+            f"--vertices {vertices} must lie between {FEWEST} and {MOST}; 900 makes a light one."
+        )

@@ -1,5 +1,6 @@
 """`garment-jax simulate` and `garment-jax floor`: which clips, with which settings."""
 
+import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from collections.abc import Sequence as List
 from contextlib import contextmanager
@@ -40,6 +41,7 @@ _LEAST = {
     "kicks": 0,
     "longest": 30,
 }
+_MOST = {"source_fps": 10_000, "turn": 3600, "spins": 100, "kicks": 100}
 
 
 def cloth_settings(pairs: Iterable[str]) -> ClothSettings:
@@ -73,11 +75,13 @@ def _read_hdf5(path: Path, name: str) -> np.ndarray | None:
 
 
 def check_numbers(options: Mapping[str, Any]) -> None:
-    """Raise `ValueError` for a number of `options`, by name, that is too small; None was not given."""
+    """Raise `ValueError` for a number of `options`, by name, that is out of range; None was not given."""
     for name, least in _LEAST.items():
         value = options.get(name)
         if value is not None and not value >= least:  # NaN is no number either
             raise ValueError(f"--{name.replace('_', '-')} {value} is too small; give {least} or more.")
+        if value is not None and value > (most := _MOST.get(name, math.inf)):
+            raise ValueError(f"--{name.replace('_', '-')} {value} is too large; give {most} or less.")
 
 
 def check_rest_shape(garment: Garment, flat: np.ndarray | None, path: Path) -> None:

@@ -8,6 +8,7 @@ Importing it raises `ValueError` where they are not installed.
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 @contextmanager
@@ -36,4 +37,13 @@ except ImportError as error:
         "the simulation needs newton, which is missing: pip install 'garment-jax[sim]'."
     ) from error
 
-__all__ = ["newton", "wp"]
+__all__ = ["find_device", "newton", "wp"]
+
+
+def find_device(name: str) -> Any:
+    """Return warp's device called `name`; raises `ValueError` for one that is not there."""
+    there = {device.alias: device for device in wp.get_devices()}  # get_device("cuda") complains on stderr
+    found = there.get({"cuda": "cuda:0"}.get(name, name))
+    if found is None:
+        raise ValueError(f"the device {name} is not there; simulate here on {' or '.join(there)}.")
+    return found

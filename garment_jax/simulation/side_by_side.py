@@ -22,7 +22,7 @@ from garment_jax.simulation import side_by_side_kernels as kernels
 from garment_jax.simulation.air import make_air
 from garment_jax.simulation.body_contact import is_closed
 from garment_jax.simulation.conjugate_gradients import make_matrix, make_work, solve
-from garment_jax.simulation.engine import wp
+from garment_jax.simulation.engine import find_device, wp
 from garment_jax.simulation.newton_cloth import Progress, make_solver
 from garment_jax.simulation.self_contact import SelfContact
 from garment_jax.simulation.settings import ClothSettings
@@ -348,15 +348,6 @@ class SideBySide:
             warm=warm,
         )
         self._launch(kernels.advance, n, self._x, self._dx)
-
-
-def find_device(name: str) -> Any:
-    """Return warp's device called `name`; raises `ValueError` for one that is not there."""
-    there = {device.alias: device for device in wp.get_devices()}  # get_device("cuda") complains on stderr
-    found = there.get({"cuda": "cuda:0"}.get(name, name))
-    if found is None:
-        raise ValueError(f"the device {name} is not there; simulate here on {' or '.join(there)}.")
-    return found
 
 
 def _surface(scene: Scene) -> Collider:

@@ -141,13 +141,10 @@ def check_simulation(config: SimulationConfig) -> None:
     parse_kinds(config.kinds)
     if config.dir and Path(config.dir).is_file():
         raise ValueError(f"simulation.dir {config.dir} is a file; name a folder.")
-    import garment_jax.simulation.engine  # noqa: F401  (raises where it is not installed)
+    from garment_jax.simulation.engine import find_device  # raises where the engine is not installed
 
-    if config.device == "cpu":
-        return
-    from garment_jax.simulation.side_by_side import find_device
-
-    find_device(config.device)
+    if config.device != "cpu":
+        find_device(config.device)
 
 
 def check_motions(config: SimulationConfig, data: DataSet) -> None:

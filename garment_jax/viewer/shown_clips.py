@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from garment_jax.evaluation.pair import check_garment, check_motion
-from garment_jax.io.sequence import Sequence
+from garment_jax.io.sequence import Sequence, chosen_frames
 
 
 class Shown(NamedTuple):
@@ -81,10 +81,4 @@ def _check_pair(clip: Sequence, reference: Sequence, frames: int, notes: list[st
 def _frames(clip: Sequence, start: int, stop: int | None, every: int) -> np.ndarray:
     if every < 1:
         raise ValueError(f"--every {every} must be 1 or more; 2 shows every other frame.")
-    last = clip.frames if stop is None else stop
-    if not 0 <= start < last <= clip.frames:
-        raise ValueError(
-            f"frames {start} … {last} asked of {clip.path} with {clip.frames}; "
-            f"choose 0 <= --start < --stop <= {clip.frames}."
-        )
-    return np.arange(start, last, every)
+    return np.array(chosen_frames(clip, start, stop)[::every])

@@ -17,6 +17,7 @@ from garment_jax.animation.animate import Early, animate, animate_file, make_ani
 from garment_jax.aot_cache import ProgramStore
 from garment_jax.body import frame_windows
 from garment_jax.body.kinematics import joint_positions, pose_points
+from garment_jax.body.motion_features import feature_names
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import heading, to_root, yaw_matrix
 from garment_jax.config import RolloutConfig
@@ -88,15 +89,27 @@ def test_a_refused_motion_does_not_keep_the_next_from_an_animator(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("ranges", "said"),
+    ("ranges", "feature", "said"),
     [
-        (0.256, "the motion leaves the training range by up to 26% of it (Spine rotation 4, frame 7); "),
-        (122.15, "Spine rotation 4 moves in frame 7 and hardly did in training; "),
+        (0.256, "Spine rotation 4", "Spine turns farther than in any training motion"),
+        (0.256, "root tilt 0", "the root tilts farther than in any training motion"),
+        (0.256, "root yaw rate rad/s", "the root turns faster than in any training motion"),
+        (0.256, "root velocity x m/s", "the root moves faster than in any training motion"),
+        (0.256, "Left Arm position z m", "Left Arm reaches farther than in any training motion"),
+        (122.15, "Spine rotation 4", "Spine turns, which it hardly did in training"),
     ],
 )
-def test_what_a_motion_is_told_that_leaves_the_training_range(ranges: float, said: str):
+def test_what_a_motion_is_told_that_leaves_the_training_range(ranges: float, feature: str, said: str):
     module = sys.modules["garment_jax.animation.animate"]
-    assert module._beyond_range(ranges, "Spine rotation 4", 7) == said + "expect less there."
+    end = "; it is clamped there, so the cloth may lag or stretch."
+    assert module._beyond_range(ranges, feature, 194, 30.0) == f"frame 194 (6.5 s): {said}{end}"
+
+
+def test_every_feature_of_a_motion_has_words():
+    module = sys.modules["garment_jax.animation.animate"]
+    for name in feature_names(("Spine",)):
+        said = module._beyond_range(0.5, name, 0, 30.0)
+        assert said.startswith(("frame 0 (0.0 s): the root ", "frame 0 (0.0 s): Spine ")), said
 
 
 def test_moving_100_m_and_turning_137_degrees_changes_less_than_a_tenth_of_a_millimetre():
@@ -210,8 +223,8 @@ def test_a_motion_outside_the_training_range_is_named(tmp_path: Path, capsys):
     clip = write_clip(tmp_path / "run.h5", motion=fast, attributes={"name": "run"})
     animate_file(tiny_model(), clip, tmp_path / "out.h5", collision=False)
     said = capsys.readouterr().err
-    assert "run: the motion leaves the training range by up to" in said
-    assert "velocity" in said
+    assert "run: frame " in said
+    assert "moves faster than in any training motion; it is clamped there" in said
     assert training_range(tiny_model(), SCENE, make_motion(SCENE, 60))[0].max() == 0.0
 
 

@@ -108,9 +108,6 @@ def test_budgets_that_nothing_fits_are_refused():
         ValueError, match=r"--budget-ms 1 is less than any .* the fastest, 'bare', takes 3.0 ms"
     ):
         choose(ROWS, times, 1.0)
-    for budget in (0.0, -1.0, float("nan")):
-        with pytest.raises(ValueError, match="is no time; give milliseconds a frame"):
-            choose(ROWS, times, budget)
 
 
 def test_stored_variants_are_read_or_refused(tmp_path: Path):

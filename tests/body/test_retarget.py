@@ -255,10 +255,10 @@ MIXED = {n: n.replace("Left", "_").replace("Right", "Left").replace("_", "Right"
         ),
         (CLIP, {"scale": 0.0}, r"scale = 0\.0 must be positive; 0\.01 for a file in cm"),
         (CLIP, {"scale": np.nan}, "scale = nan must be positive"),
-        (CLIP, {"fps": 0}, "fps = 0 must lie between 1 and 10000"),
-        (CLIP, {"source_fps": np.inf}, "source_fps = inf must lie between 1 and 10000"),
-        (CLIP, {"skip": 25}, "skip = 25 leaves nothing of 25 frames; take 0 to 24"),
-        (CLIP, {"skip": -1}, "skip = -1 leaves nothing"),
+        (CLIP, {"fps": 0}, "--fps 0 must lie between 1 and 10000"),
+        (CLIP, {"source_fps": np.inf}, "--source-fps inf must lie between 1 and 10000"),
+        (CLIP, {"skip": 25}, "--skip 25 leaves nothing of 25 frames; take 0 to 24"),
+        (CLIP, {"skip": -1}, "--skip -1 leaves nothing"),
     ],
 )
 def test_what_cannot_be_retargeted_is_refused(clip, options, sentence):

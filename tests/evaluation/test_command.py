@@ -164,7 +164,7 @@ def test_table_has_a_row_a_clip_and_the_mean(result):
     assert mean_metrics([result, result])["rmse_cm"] == pytest.approx(result["metrics"]["rmse_cm"])
     with pytest.raises(ValueError, match="0 results"):
         mean_metrics([])
-    with pytest.raises(ValueError, match="every=0"):
+    with pytest.raises(ValueError, match="--every 0"):
         evaluate_files(result["prediction"], result["truth"], every=0)
 
 

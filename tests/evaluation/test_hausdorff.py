@@ -51,5 +51,5 @@ def test_the_clip_is_the_mean_over_sampled_frames():
     V = V_star + np.array([0.01, 0.02, 0.03, 0.04])[:, None, None] * [0, 1, 0]
     assert hausdorff(V, V_star, faces) == pytest.approx(2.5)
     assert hausdorff(V, V_star, faces, every=2) == pytest.approx(2.0)
-    with pytest.raises(ValueError, match="every=0"):
+    with pytest.raises(ValueError, match="--every 0"):
         hausdorff(V, V_star, faces, every=0)

@@ -6,8 +6,12 @@ from PIL import Image
 from garment_jax.evaluation import render
 from garment_jax.evaluation.animation import film_frames, save_gif, save_webp
 from garment_jax.evaluation.colours import HEAT, heat, round_scale
+from garment_jax.evaluation.film import film_file
 from garment_jax.evaluation.render import render_files
 from garment_jax.evaluation.shading import vertex_normals
+from garment_jax.evaluation.view import body_at, frame_clips, outermost_frames, read_frames
+from garment_jax.io.sequence import SequenceWriter, open_sequence
+from garment_jax.structs import Motion
 from tests.reference.scene import make_motion, make_scene, write_clip
 
 
@@ -61,6 +65,30 @@ def test_a_frame_that_is_not_finite_is_named(tmp_path):
         render_files([path], tmp_path / "out", frames=6, height=60)
 
 
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+def test_pictures_that_are_stopped_leave_nothing(pair, tmp_path, monkeypatch, stop):
+    def stopped(*_, **__):
+        raise stop
+
+    monkeypatch.setattr(render, "save_gif", stopped)
+    out = tmp_path / "new"
+    with pytest.raises(type(stop)):
+        render_files(pair, out, frames=1, height=48, animation=True, seconds=0.1)
+    assert not out.exists()
+
+
+def test_start_and_stop_choose_the_frames_that_are_drawn(pair, tmp_path, monkeypatch):
+    seen: list[int] = []
+    keep = render.read_frames
+    monkeypatch.setattr(render, "read_frames", lambda clip, f: seen.extend(map(int, f)) or keep(clip, f))
+    options = {"frames": 2, "height": 48, "animation": True}
+    render_files(pair, tmp_path / "out", **options, start=4, stop=8)
+    assert {min(seen), max(seen)} == {4, 7}
+    with pytest.raises(ValueError, match="--start 4 --stop 40 must fit 0 <= start < stop <= 12"):
+        render_files(pair, tmp_path / "none", **options, start=4, stop=40)
+    assert not (tmp_path / "none").exists()
+
+
 def test_one_clip_gives_one_row(pair, tmp_path):
     written = render_files(pair[1:], tmp_path / "new", frames=2, height=64)
     assert [p.name for p in written] == ["t_sheet.png"]
@@ -85,14 +113,14 @@ def test_the_height_is_the_film_s_too_and_the_head_is_in_view(pair, tmp_path, mo
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"frames": 0}, "frames=0"),
-        ({"height": 5}, "height=5"),
-        ({"seconds": 0.0}, "seconds=0"),
-        ({"seconds": float("nan")}, "seconds=nan must be above 0 and finite"),
-        ({"scale_cm": -1.0}, "scale_cm=-1"),
-        ({"scale_cm": float("inf")}, "scale_cm=inf must be above 0 and finite"),
-        ({"azimuth": float("nan")}, "azimuth=nan must be an angle"),
-        ({"azimuth": float("-inf")}, "azimuth=-inf must be an angle"),
+        ({"frames": 0}, "--frames 0"),
+        ({"height": 5}, "--height 5"),
+        ({"seconds": 0.0}, "--seconds 0"),
+        ({"seconds": float("nan")}, "--seconds nan must be above 0 and finite"),
+        ({"scale_cm": -1.0}, "--scale-cm -1"),
+        ({"scale_cm": float("inf")}, "--scale-cm inf must be above 0 and finite"),
+        ({"azimuth": float("nan")}, "--azimuth nan must be an angle"),
+        ({"azimuth": float("-inf")}, "--azimuth -inf must be an angle"),
     ],
 )
 def test_settings_out_of_range_are_refused(pair, tmp_path, options, words):
@@ -138,6 +166,37 @@ def test_scale_is_round_and_covers_99_of_100():
     assert round_scale(np.full(10, 0.3)) == pytest.approx(0.3)
     assert round_scale(np.zeros(10)) == 1.0
     assert round_scale(np.append(np.full(999, 2.0), 90.0)) == 2.0
+
+
+def test_a_film_holds_the_frame_in_which_a_limb_or_the_cloth_reaches_farthest(tmp_path):
+    """Each between two of the frames that are spread over the film."""
+    scene = make_scene()
+    motion, shown = make_motion(scene, 60), np.arange(60)
+    still = Motion(np.repeat(motion.rotations[:1], 60, 0), np.repeat(motion.root[:1], 60, 0), motion.fps)
+    still.rotations[33] = still.rotations[33] @ np.diag(np.array([1, -1, -1], np.float32))  # upside down
+    path = tmp_path / "clip.h5"
+    with SequenceWriter(path, scene, still, encoding="float32") as writer:
+        V = np.repeat(scene.garment.template[None], 60, 0)
+        V[47, 0] += [5.0, 0.0, 5.0]
+        writer.append(V)
+    with open_sequence(path) as clip:
+        probes = outermost_frames([clip], shown, azimuth=35.0)
+        assert {0, 33, 47} <= set(probes.tolist())
+        assert len(probes) < 20
+        chosen, every = (
+            frame_clips(
+                body, [read_frames(clip, frames)], root, yaw, height=48, follow=False, whole_body=True
+            )
+            for frames in (probes, shown)
+            for body, root, yaw in [body_at(clip, frames)]
+        )
+        assert chosen == every
+
+
+def test_a_film_says_that_it_is_encoded_after_its_last_frame(pair, tmp_path):
+    told: list = []
+    film_file(pair[0], tmp_path / "a.webp", height=32, progress=lambda *at: told.append(at), say=told.append)
+    assert told[-2:] == [(6, 6), "encoding"]
 
 
 @pytest.mark.parametrize(("name", "save"), [("a.gif", save_gif), ("a.webp", save_webp)])

@@ -169,8 +169,8 @@ def test_one_frame_is_a_still(tmp_path: Path, clip: Path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"scale": 100.0}, r"out\.glb: scale=100.0 is refused, since glTF fixes metres and Y up"),
-        ({"up": "Z"}, "up='Z' is refused"),
+        ({"scale": 100.0}, r"out\.glb: --out-unit cm is refused, since glTF fixes metres and Y up"),
+        ({"up": "Z"}, "--out-up Z is refused"),
         ({"start": 5, "stop": 5}, "frames 5 … 5 by 1 asked of 12"),
         ({"stop": 13}, "frames 0 … 13 by 1 asked of 12"),
         ({"every": 0}, "by 0 asked of 12"),

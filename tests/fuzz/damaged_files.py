@@ -29,7 +29,7 @@ _NET = re.compile(r"is damaged: [A-Z]\w+ ")
 # what a command says on stderr beside a refusal: progress, a checkpoint passed over, a joint table to fill
 _SAID = re.compile(
     r"error: |#|.* = \".*\"$|left out: |(train|infer): .* -> |prepare: |.*\d+ of \d+ |.*\d+/\d+ frames"
-    r"|.* is taken$|.* expect less there\.$|$"
+    r"|.* is taken$|.* may lag or stretch\.$|$"
 )
 
 

@@ -8,7 +8,7 @@ import pytest
 from garment_jax.importers.jumps import leading_frames
 from garment_jax.importers.motions import read_motion
 from garment_jax.io.sequence_writer import SequenceWriter
-from garment_jax.structs import Motion
+from garment_jax.structs import Motion, Scene
 from tests.reference.scene import make_motion, make_scene
 
 
@@ -39,16 +39,31 @@ def test_fast_motion_throughout_is_no_rest_pose() -> None:
 
 @pytest.mark.parametrize(("skip", "said"), [(0, "--skip 3 leaves that out"), (1, "--skip 3"), (3, "")])
 def test_a_reader_says_what_to_skip(tmp_path: Path, skip: int, said: str) -> None:
-    scene, rest = make_scene(), 3
-    motion = make_motion(scene, 60)
-    eye = np.broadcast_to(np.eye(3, dtype=np.float32), (rest, *motion.rotations.shape[1:]))
-    root = np.concatenate([np.repeat(motion.root[:1] + [1.0, 0.0, 0.0], rest, axis=0), motion.root])
-    file = tmp_path / "walk.h5"
-    whole = Motion(np.concatenate([eye, motion.rotations]), root, 30.0)
-    with SequenceWriter(file, scene, whole, encoding="none", attributes={"name": "walk"}):
-        pass
+    scene = make_scene()
+    file = write_rest_pose_first(tmp_path / "walk.h5", scene, 3)
     notes: list[str] = []
     read_motion(file, scene.body, skip=skip, say=notes.append)
     found = [note for note in notes if "rest pose" in note]
     assert len(found) == bool(said)
     assert all(said in note for note in found)
+
+
+@pytest.mark.parametrize(("rest", "said"), [(3, "3 rest-pose frames"), (1, "1 rest-pose frame")])
+def test_a_reader_leaves_out_a_rest_pose(tmp_path: Path, rest: int, said: str) -> None:
+    scene = make_scene()
+    file = write_rest_pose_first(tmp_path / "walk.h5", scene, rest)
+    notes: list[str] = []
+    read = read_motion(file, scene.body, skip=None, say=notes.append)
+    assert notes[0] == f"{file}: {said} left out (--skip 0 keeps them)"
+    np.testing.assert_allclose(read.rotations, make_motion(scene, 60).rotations, atol=1e-5)
+
+
+def write_rest_pose_first(file: Path, scene: Scene, rest: int) -> Path:
+    """A motion of 60 frames behind `rest` frames of a rest pose, a metre aside."""
+    motion = make_motion(scene, 60)
+    eye = np.broadcast_to(np.eye(3, dtype=np.float32), (rest, *motion.rotations.shape[1:]))
+    root = np.concatenate([np.repeat(motion.root[:1] + [1.0, 0.0, 0.0], rest, axis=0), motion.root])
+    whole = Motion(np.concatenate([eye, motion.rotations]), root, 30.0)
+    with SequenceWriter(file, scene, whole, encoding="none", attributes={"name": "walk"}):
+        pass
+    return file

@@ -28,6 +28,49 @@ def test_every_shipped_model_is_whole_and_at_most_12_MB():
         template_for(model, sample.scene, "its own scene")
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["export", "skirt", "--format", "usd"],
+        ["collide", "skirt"],
+        ["render", "skirt"],
+        ["view", "skirt"],
+        ["validate", "skirt"],
+        ["evaluate", "skirt", "truth.h5"],
+    ],
+)
+def test_a_name_where_a_clip_is_asked_for_says_how_one_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, words: list[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = "error: skirt is a model; garment-jax animate skirt --out skirt.h5 makes a clip of it.\n"
+    assert capsys.readouterr().err == said
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "called"),
+    [
+        (["save", "skirt", "--out", "mine"], "garment_jax.training.pipeline.trained_model"),
+        (["stability", "skirt"], "garment_jax.stability.report.stability"),
+        (["variants", "skirt", "--validation", "a.h5"], "garment_jax.bench.variants.measure_variants"),
+    ],
+)
+def test_commands_on_models_take_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, words: list[str], called
+):
+    def opened(folder: Path, *_: object, **__: object):
+        raise ValueError(f"opened {folder}")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(called, opened)
+    assert main(words) == 2
+    assert capsys.readouterr().err == f"error: opened {find_model('skirt')}\n"
+    assert main([words[0], "skrit", *words[2:]]) == 2
+    assert "there is no model skrit; do you mean skirt?" in capsys.readouterr().err
+
+
 def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     assert find_model("skirt") == find_model("models/skirt") == ROOT / "models" / "skirt"

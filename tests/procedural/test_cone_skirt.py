@@ -39,7 +39,7 @@ def test_the_waist_can_be_put_elsewhere():
     [
         ({"length": 2.0}, r"length=2\.0 m must lie between 0\.1 and 0\.9"),
         ({"slope_degrees": 0.0}, r"slope_degrees=0\.0 must lie between 0 and 80"),
-        ({"vertices": 5}, "vertices=5 must lie between 100 and 100000"),
+        ({"vertices": 5}, "--vertices 5 must lie between 100 and 100000"),
         ({"height": 3.0}, r"height=3 misses the collider, which spans 0 to 2 m"),
     ],
 )

@@ -193,5 +193,5 @@ def test_refusals():
         ValueError, match="garment 'hat' is unknown; choose one of skirt, circle_skirt, dress, cape"
     ):
         make_scene("hat")
-    with pytest.raises(ValueError, match="vertices=10 must lie between 100 and 100000"):
+    with pytest.raises(ValueError, match="--vertices 10 must lie between 100 and 100000"):
         make_outfit(vertices=10, body=mannequin())

@@ -180,6 +180,8 @@ NUMBERS = {
         ("skip", -3, "--skip -3 is too small; give 0 or more"),
         ("source_fps", -30.0, r"--source-fps -30\.0 is too small; give 1 or more"),
         ("source_fps", float("nan"), "--source-fps nan is too small"),
+        ("spins", float("inf"), "--spins inf is too large; give 100 or less"),
+        ("turn", 1e9, r"--turn 1000000000\.0 is too large; give 3600 or less"),
     ],
 )
 def test_numbers_that_are_too_small_are_refused(name: str, value: float, sentence: str):
@@ -192,7 +194,7 @@ def test_a_bvh_that_does_not_fit_is_refused_by_file(tmp_path: Path):
     scene = make_scene()
     motion = make_motion(scene, 12)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion)
-    with pytest.raises(ValueError, match=r"walk\.bvh: skip = 40 leaves nothing of 12 frames"):
+    with pytest.raises(ValueError, match=r"walk\.bvh: --skip 40 leaves nothing of 12 frames"):
         motion_jobs([tmp_path], scene.body, fps=30.0, skip=40)
     jump = motion.root + np.where(np.arange(12)[:, None] >= 1, 2.0, 0.0)
     write_bvh(tmp_path / "walk.bvh", scene.body, motion._replace(root=jump))

@@ -210,6 +210,16 @@ def test_one_fault_is_one_finding(tmp_path: Path, case: str):
     assert found[0].remedy
 
 
+@pytest.mark.parametrize("case", ["strain"])
+def test_a_networks_frame_is_not_told_to_be_simulated_again(tmp_path: Path, case: str):
+    def predicted(file: h5py.File) -> None:
+        CASES[case][0](file)
+        file.attrs["kind"] = "predicted"
+
+    (found,) = told(check_sequence(broken(tmp_path / "clip.h5", predicted)))
+    assert found.remedy == "a network's frame: look at it in garment-jax view"
+
+
 def test_windows_do_not_change_what_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert WINDOW < FRAMES
     path = broken(tmp_path / "clip.h5", edit("vertices", moved(WINDOW, HEM, 0.8)))
