@@ -71,7 +71,7 @@ def add(commands) -> None:
     )
     group.add_argument("--blender", help="abc: a blender executable, or a Python with bpy")
     add_farm_options(parser.add_argument_group("many motions"))
-    parser.set_defaults(run=run)
+    parser.set_defaults(begins="", run=run)
 
 
 def run(options: argparse.Namespace) -> None:
