@@ -25,7 +25,7 @@ from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import rmse
 from garment_jax.geometry.laplacian import uniform_table
 from garment_jax.io.sequence import Sequence, open_sequence
-from garment_jax.postprocess.limb_crossings import init_crossings, make_crossing_tables, undo_crossings
+from garment_jax.postprocess.limb_crossings import init_crossings, make_limb_crossing_tables, undo_crossings
 
 
 def rooted(clip: Sequence) -> np.ndarray:
@@ -43,7 +43,7 @@ def measure(path: Path, truth: Path) -> dict[str, Any]:
     assert scene.pins is not None
     T, faces = scene.garment.template, scene.garment.faces
     limbs = limbs_of(scene.body, scene.collider)
-    tables = make_crossing_tables(T, faces, limbs, uniform_table(faces, len(T)))
+    tables = make_limb_crossing_tables(T, faces, limbs, uniform_table(faces, len(T)))
     assert tables is not None
     carried = carried_points(scene, collider=False, limbs=limbs)
     bones = pose_carried(carried, scene, motion, slice(0, len(V))).bones

@@ -14,6 +14,7 @@ from pathlib import Path
 import garment_jax.cli as cli
 from garment_jax.cli import exit
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and those of nohup this one
 exit.listen()
 """
 

@@ -29,12 +29,12 @@ def alone(cloud: np.ndarray, surface) -> jax.Array:
 
 
 def test_each_point_finds_what_lies_within_its_own_limit():
-    cloud, surface, tables, expected = setting()
+    cloud, surface, _, expected = setting()
     groups = point_groups(cloud)
     limit = np.random.default_rng(2).uniform(-0.05, 0.2, size=len(cloud)).astype(np.float32)
     local = jnp.asarray(cloud) - surface.origin[None]
     groups = groups.T
-    found = find(local.T[:, groups], jnp.asarray(limit)[groups], surface, tables)
+    found = find(local.T[:, groups], jnp.asarray(limit)[groups], surface)
     within = (expected < limit)[groups]
     np.testing.assert_array_equal(found.triangle >= 0, within)
     assert 50 < within.sum() < within.size - 50
@@ -42,17 +42,17 @@ def test_each_point_finds_what_lies_within_its_own_limit():
 
 
 def test_no_limit_at_all_is_brute_force():
-    cloud, surface, tables, expected = setting()
+    cloud, surface, _, expected = setting()
     local = alone(cloud, surface)
-    found = find(local, jnp.full((1, len(cloud)), jnp.inf), surface, tables)
+    found = find(local, jnp.full((1, len(cloud)), jnp.inf), surface)
     np.testing.assert_allclose(np.sqrt(found.squared[0]), expected, rtol=2e-6, atol=1e-7)
 
 
 def test_nobody_asked_and_nan_find_nothing():
-    cloud, surface, tables, _ = setting()
+    cloud, surface, _, _ = setting()
     local = alone(cloud, surface)
-    assert (find(local, jnp.full((1, len(cloud)), -1.0), surface, tables).triangle == -1).all()
-    assert (find(local * jnp.nan, jnp.full((1, len(cloud)), 0.1), surface, tables).triangle == -1).all()
+    assert (find(local, jnp.full((1, len(cloud)), -1.0), surface).triangle == -1).all()
+    assert (find(local * jnp.nan, jnp.full((1, len(cloud)), 0.1), surface).triangle == -1).all()
 
 
 def test_bounds_are_above_the_distance():
@@ -60,8 +60,8 @@ def test_bounds_are_above_the_distance():
     local = jnp.asarray(cloud) - surface.origin[None]
     triangle = jnp.arange(len(cloud)) % len(tables.faces)
     named = distance_to(triangle, local.T, surface, tables)
-    corner = distance_to_corner(triangle, local, surface, tables)
-    any_bound = distance_to_corner(nearest_leaf(local, surface, tables), local, surface, tables)
+    corner = distance_to_corner(triangle, local, surface)
+    any_bound = distance_to_corner(nearest_leaf(local, surface), local, surface)
     assert (np.asarray(any_bound) > expected).all()
     assert (corner >= named - 1e-6).all()
     assert np.median(any_bound) < np.median(corner)
@@ -69,10 +69,10 @@ def test_bounds_are_above_the_distance():
 
 
 def test_two_bytes_search_too():
-    cloud, surface, tables, expected = setting()
+    cloud, surface, _, expected = setting()
     coarse = jax.tree.map(lambda x: x.astype(jnp.bfloat16), surface)
     local = alone(cloud, surface).astype(jnp.bfloat16)
-    found = find(local, jnp.full((1, len(cloud)), jnp.inf, jnp.bfloat16), coarse, tables)
+    found = find(local, jnp.full((1, len(cloud)), jnp.inf, jnp.bfloat16), coarse)
     assert (found.triangle >= 0).all()
     assert np.abs(np.sqrt(found.squared[0].astype(jnp.float32)) - expected).max() < 0.01
 

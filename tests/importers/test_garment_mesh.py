@@ -237,6 +237,9 @@ def test_simulate_refuses_a_garment_without_uvs(tmp_path: Path, capsys):
     from garment_jax.cli import main
 
     path = write(tmp_path / "bare.obj", SKIRT, uv=False)
-    own = ["--garment", str(path), "--body", "b.npz", "--motion", "m.bvh", "--out", str(tmp_path / "o")]
+    for name in ("b.npz", "m.bvh"):
+        (tmp_path / name).write_text("not read")
+    given = ["--body", str(tmp_path / "b.npz"), "--motion", str(tmp_path / "m.bvh")]
+    own = ["--garment", str(path), *given, "--out", str(tmp_path / "o")]
     assert main(["simulate", "files", *own]) == 2
     assert "bare.obj: the garment has no UVs" in capsys.readouterr().err
