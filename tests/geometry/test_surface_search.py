@@ -60,8 +60,8 @@ def test_bounds_are_above_the_distance():
     local = jnp.asarray(cloud) - surface.origin[None]
     triangle = jnp.arange(len(cloud)) % len(tables.faces)
     named = distance_to(triangle, local.T, surface, tables)
-    corner = distance_to_corner(triangle, local, surface)
-    any_bound = distance_to_corner(nearest_leaf(local, surface), local, surface)
+    corner = distance_to_corner(triangle, local, surface, tables)
+    any_bound = distance_to_corner(nearest_leaf(local, surface, tables), local, surface, tables)
     assert (np.asarray(any_bound) > expected).all()
     assert (corner >= named - 1e-6).all()
     assert np.median(any_bound) < np.median(corner)
