@@ -29,6 +29,8 @@ COLUMNS: tuple[tuple[str, str, str], ...] = (  # heading, metric, format
     ("silhouette ÷ truth", "silhouette_ratio", ".2f"),
 )
 
+SIDE_BY_SIDE = 8  # clips, more do not fit beside each other
+
 AGAINST_AGAIN = (
     ("determined %", "determined_percent", ".0f"),
     ("RMSE there cm", "determined_rmse_cm", ".2f"),
@@ -44,29 +46,37 @@ REST_OF_THE_BODY = (
 
 
 def format_table(results: dict[str, Any] | Sequence[dict[str, Any]], *, whole_body: bool = False) -> str:
-    """Return a Markdown table of one or several `evaluate_files` results, a clip a row.
+    """Return a Markdown table of one or several `evaluate_files` results: a metric a line, a clip a column.
 
     Figures against a second simulation come first. With `whole_body` also the penetration of what is not part
-    of the collider. Several clips get a row
-    with their mean. A dash stands for a metric that does not apply.
+    of the collider. Several clips get their mean; more than `SIDE_BY_SIDE` of them a line each. A dash stands
+    for a metric that does not apply.
     """
     rows = [results] if isinstance(results, dict) else list(results)
     known = AGAINST_AGAIN if any("again" in row for row in rows) else ()
     columns = known + COLUMNS + (REST_OF_THE_BODY if whole_body else ())
-    lines = [
-        "| clip | frames | " + " | ".join(heading for heading, _, _ in columns) + " |",
-        "|---|" + "---:|" * (len(columns) + 1),
-    ]
-    lines += [_row(str(r["clip"]), str(r["frames"]), r["metrics"], columns) for r in rows]
+    table = [["clip", "frames", *(heading for heading, _, _ in columns)]]
+    table += [_cells(str(r["clip"]), r["frames"], r["metrics"], columns) for r in rows]
     if len(rows) > 1:
         total = sum(r["frames"] for r in rows)
-        lines.append(_row(f"mean of {len(rows)}", str(total), mean_metrics(rows), columns))
-    return "\n".join(lines) + "\n" + _footnote(rows[0]["settings"])
+        table.append(_cells(f"mean of {len(rows)}", total, mean_metrics(rows), columns))
+    lines = table if len(rows) > SIDE_BY_SIDE else list(map(list, zip(*table, strict=True)))
+    return _aligned(lines) + "\n" + _footnote(rows[0]["settings"])
 
 
-def _row(clip: str, frames: str, metrics: dict[str, float | None], columns: tuple) -> str:
-    cells = [_cell(metrics.get(name), form) for _, name, form in columns]
-    return f"| {clip} | {frames} | " + " | ".join(cells) + " |"
+def _cells(clip: str, frames: int, metrics: dict[str, float | None], columns: tuple) -> list[str]:
+    return [clip, str(frames), *(_cell(metrics.get(name), form) for _, name, form in columns)]
+
+
+def _aligned(lines: list[list[str]]) -> str:
+    """Return a Markdown table whose columns line up in a terminal; the first one to the left."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    rule = [f"{'-' * widths[0]}--", *(f"{'-' * (width + 1)}:" for width in widths[1:])]
+    text = [
+        "| " + " | ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]) + " |"
+        for line in lines
+    ]
+    return "\n".join([text[0], f"|{'|'.join(rule)}|", *text[1:]])
 
 
 def _cell(value: float | None, form: str) -> str:

@@ -9,7 +9,7 @@ from garment_jax.evaluation.command import evaluate_files
 from garment_jax.evaluation.hausdorff import hausdorff
 from garment_jax.evaluation.rmse import mean_distance, rmse
 from garment_jax.evaluation.summary import mean_metrics
-from garment_jax.evaluation.table import COLUMNS, REST_OF_THE_BODY, format_table
+from garment_jax.evaluation.table import COLUMNS, REST_OF_THE_BODY, SIDE_BY_SIDE, format_table
 from garment_jax.io.sequence import SequenceWriter, open_sequence
 from tests.reference.scene import make_motion, make_scene, make_vertices
 
@@ -150,17 +150,34 @@ def test_result_is_plain_json_and_every_number_has_its_unit(result):
         assert name.endswith(("_cm", "_mm", "_percent", "_cm2", *plain)), name
 
 
-def test_table_has_a_row_a_clip_and_the_mean(result):
-    table = format_table([result, result])
-    rows = [line for line in table.splitlines() if line.startswith("|")]
-    assert len(rows) == 2 + 2 + 1
-    assert len({row.count("|") for row in rows}) == 1
-    assert f"{result['metrics']['rmse_cm']:.2f}" in rows[-1]
-    assert "c = 0.1" in table
+def table_of(text: str) -> list[list[str]]:
+    """Return the cells of a Markdown table, its rule left out."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({len(line) for line in lines}) == 1, "columns line up"
+    assert set(lines[1]) == set("|-:")
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[:1] + lines[2:]]
+
+
+@pytest.mark.parametrize("clips", [1, 2, SIDE_BY_SIDE, SIDE_BY_SIDE + 1])
+def test_table_has_every_metric_of_every_clip_and_the_mean(result, clips):
+    text = format_table([result] * clips)
+    cells = table_of(text) if clips > SIDE_BY_SIDE else list(zip(*table_of(text), strict=True))
+    assert len(cells) == 1 + clips + (clips > 1)
+    assert list(cells[0]) == ["clip", "frames", *(heading for heading, _, _ in COLUMNS)]
+    assert cells[1][0] == result["clip"]
+    assert all(line[2] == f"{result['metrics']['rmse_cm']:.2f}" for line in cells[1:])
+    assert cells[-1][0] == (result["clip"] if clips == 1 else f"mean of {clips}")
+    assert "c = 0.1" in text
+
+
+def test_table_of_the_whole_body_has_the_arms_too(result):
     assert {name for _, name, _ in COLUMNS + REST_OF_THE_BODY} <= set(result["metrics"])
-    wider = format_table(result, whole_body=True).splitlines()
-    assert wider[0].count("|") == rows[0].count("|") + len(REST_OF_THE_BODY)
-    assert "arms inside %" in wider[0]
+    lines, wider = (table_of(format_table(result, whole_body=on)) for on in (False, True))
+    assert wider[: len(lines)] == lines
+    assert [line[0] for line in wider[len(lines) :]] == [heading for heading, _, _ in REST_OF_THE_BODY]
+
+
+def test_a_mean_of_nothing_and_no_frame_at_all_are_refused(result):
     assert mean_metrics([result, result])["rmse_cm"] == pytest.approx(result["metrics"]["rmse_cm"])
     with pytest.raises(ValueError, match="0 results"):
         mean_metrics([])
@@ -179,7 +196,7 @@ def test_a_second_simulation_says_which_frames_are_determined(pair, result, scen
     assert metrics["determined_rmse_cm"] == pytest.approx(np.sqrt((error[:25] ** 2).mean()))
     assert metrics["parted_error_ratio"] == pytest.approx(np.sqrt((error[25:] ** 2).mean()) / 2, rel=1e-4)
     assert result["metrics"].items() <= metrics.items()
-    assert format_table(found).splitlines()[0].split("|")[3].strip() == "determined %"
+    assert table_of(format_table(found))[2][0] == "determined %"
 
 
 def test_what_is_no_second_simulation_is_refused_with_how_to_make_one(pair, scene, tmp_path):
