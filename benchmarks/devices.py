@@ -5,7 +5,7 @@
         --gpu docs/figures/paper_steps_gpu.json
 
 Every stage takes a few steps on one device and on two of this process, on the scene of
-benchmarks/paper_steps.py. The all-reduces and their bytes are counted in the program that XLA compiled for
+benchmarks/stage_steps.py. The all-reduces and their bytes are counted in the program that XLA compiled for
 two. Two devices on the cores of one cannot be faster: the seconds say what splitting costs. With `--gpu`,
 step times that were measured on one GPU, the share of the time is estimated that 8 GPUs of one host, and 8
 on 4 hosts, spend on their work, each with the whole batch of that measurement: seconds / (seconds +
@@ -30,7 +30,7 @@ import jax
 from jax.sharding import AxisType
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the scene made in code lives with the tests
-from benchmarks.paper_steps import few_steps, stage_speeds
+from benchmarks.stage_steps import few_steps, stage_speeds
 from garment_jax.bench.figures import report
 from garment_jax.config import load_config
 from garment_jax.training.devices import AXIS, Devices
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--config", type=Path, default=Path("configs/skirt.toml"))
     parser.add_argument("--steps", type=int, default=4)
     parser.add_argument("--vertices", type=int, nargs=2, default=(25, 112), metavar=("RINGS", "COLUMNS"))
-    parser.add_argument("--gpu", type=Path, help="JSON of benchmarks/paper_steps.py, run on one GPU")
+    parser.add_argument("--gpu", type=Path, help="JSON of benchmarks/stage_steps.py, run on one GPU")
     parser.add_argument("--json", type=Path)
     options, overrides = parser.parse_known_args()
     config = few_steps(load_config(options.config, overrides), options.steps, log_every=1)

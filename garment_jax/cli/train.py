@@ -35,7 +35,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "config",
         metavar="CONFIG",
-        help="a TOML file, or a name of the package: demo, skirt, skirt_small, paper",
+        help="a TOML file, or a name of the package: demo, skirt, skirt_small, skirt_large, paper",
     )
     parser.add_argument("--data", help="folder of imported clips (default: data.dir of the configuration)")
     parser.add_argument("--run-dir", "--out", help="folder for checkpoints and logs (default: runs/NAME)")
