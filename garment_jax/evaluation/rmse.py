@@ -31,8 +31,3 @@ def rmse_per_frame(V: np.ndarray, V_star: np.ndarray) -> np.ndarray:
     The clip's RMSE is the root of the mean of its squares, not its mean.
     """
     return np.sqrt(np.mean(vertex_distance(V, V_star) ** 2, axis=-1))
-
-
-def mean_distance(V: np.ndarray, V_star: np.ndarray) -> float:
-    """Return the mean vertex distance over vertices and frames, cm (never above the RMSE)."""
-    return float(np.mean(vertex_distance(V, V_star)))
