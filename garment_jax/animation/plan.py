@@ -79,9 +79,7 @@ def _column_rnn(model: ModelFacts, wanted: bool) -> tuple[bool, str]:
         return False, "not trained"
     if not wanted or not model.config.rollout.column_rnn:
         return False, "not wanted: latents alone move the cloth"
-    wants = model.config.rollout
-    drawn = "" if wants.amplitude == 1.0 else f", drawn out by {wants.amplitude:g}"
-    return True, f"wanted: {wants.column_rnn:.0%} of the way from the latents to it{drawn}"
+    return True, f"wanted: {model.config.rollout.column_rnn:.0%} of the way from the latents to it"
 
 
 def _unread(model: ModelFacts, has_column_rnn: bool, fine: bool) -> tuple[str, ...]:

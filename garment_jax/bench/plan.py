@@ -18,6 +18,7 @@ from garment_jax.dataset.prepared import training_clips
 # counted into the names of measurements: raise it when a change of the code changes what is measured
 MEASURED = 1
 LENGTHS = 2  # the same for edge lengths alone: rows without them keep their names
+CORRECTED = 2  # the same for what a column RNN's cells do to the latents' garment
 FINISHED = 2  # the same for what comes after a baseline's networks; ours' are named by their values
 TRAIN, ROLL, TIME, SIMULATE, LATENT = "train", "roll", "time", "simulate", "latent"
 
@@ -189,11 +190,7 @@ class Plan:
         lengths = [f"lengths {LENGTHS}"] if config.rollout.lengths and not is_reconstruction(row) else []
         if row.method != OURS:
             return [row.task, FINISHED, collision, *lengths]
-        how = config.rollout
-        drawn = [how.amplitude] if how.amplitude != 1.0 else []  # came later, too
-        farthest = how.max_correction  # and so did this, by its former name
-        reach = [{"reach": farthest}] if farthest != 1.0 else []
-        column_rnn = [how.column_rnn, *drawn, *reach] if config.column_rnn.steps else []
+        column_rnn = [config.rollout.column_rnn, CORRECTED] if config.column_rnn.steps else []
         return [row.task, row.detail, row.precision, collision, *lengths, *column_rnn]
 
     def _result(self, row: Row, seed: int, kind: str, parts: Any) -> Path:

@@ -17,6 +17,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 # In a wheel `configs/` lies inside the package (setup.py), in a checkout beside it.
 _PLACES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
 
+_FORMER_ROLLOUT = ("amplitude", "gain", "max_correction", "reach")
+
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> Config:
     """Read a TOML file, or one of the package's by its name.
@@ -61,7 +63,7 @@ def _no_file(path: Path) -> str:
 def from_dict(table: Mapping[str, Any], *, source: str = "the configuration") -> Config:
     """Build a checked Config from nested dicts as TOML or JSON give them (inverse of `to_dict`)."""
     sections = get_type_hints(Config)
-    table = current_names(_without_dynamics(table, source), source)
+    table = current_names(_without_former_keys(table, source), source)
     refuse_unknown(table, sections, kind="section", source=source)
     built = {}
     for name, entries in table.items():
@@ -145,15 +147,21 @@ def to_toml(config: Config) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _without_dynamics(table: Mapping[str, Any], source: str) -> Mapping[str, Any]:
-    """Return `table` without the section of the local dynamics, which older models name."""
+def _without_former_keys(table: Mapping[str, Any], source: str) -> Mapping[str, Any]:
+    """Return `table` without what older models name and no rollout reads any more."""
     old = table.get("dynamics")
     if isinstance(old, Mapping) and old.get("steps", 0):
         raise ValueError(
             f"{source}: [dynamics] has steps = {old['steps']}, and local dynamics are no more; the "
             "column RNN takes their place: give [column_rnn] steps (configs/skirt.toml), and train again."
         )
-    return {name: entries for name, entries in table.items() if name != "dynamics"}
+    return {
+        name: {key: value for key, value in entries.items() if key not in _FORMER_ROLLOUT}
+        if name == "rollout" and isinstance(entries, Mapping)
+        else entries
+        for name, entries in table.items()
+        if name != "dynamics"
+    }
 
 
 def _spell_none(entries: dict[str, Any]) -> dict[str, Any]:

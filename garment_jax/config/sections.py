@@ -241,17 +241,6 @@ class RolloutConfig:
     column_rnn: float = key(
         0.6, "part of the column RNN's correction applied", "part", later=True, was="swing"
     )
-    # a regression mean has less amplitude than any sample
-    amplitude: float = key(
-        1.0, "factor on the corrected offset from rest", "positive", later=True, was="gain"
-    )
-    max_correction: float = key(
-        1.0,
-        "largest correction, in a cell's scale (8 cm at a skirt's hem)",
-        "positive",
-        later=True,
-        was="reach",
-    )
 
 
 @dataclass(frozen=True)

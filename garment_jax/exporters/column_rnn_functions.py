@@ -93,9 +93,8 @@ def corrected(
     frame, state = column_input(scene, ring, state, rotations, root, rotations_prev, root_prev)
     gates = seen_gates(params, jnp.asarray(frame.seen), config=config.column_rnn)
     carry = column_step(params, state.carry, frame, gates, tables=ring, config=config.column_rnn)
-    how = config.rollout
-    drawn = {"weight": how.column_rnn, "amplitude": how.amplitude, "max_correction": how.max_correction}
-    moved = cells_moved(V, carry.X, jnp.asarray(frame.anchor), tables=ring, **drawn)
+    weight = config.rollout.column_rnn
+    moved = cells_moved(V, carry.X, jnp.asarray(frame.anchor), tables=ring, weight=weight)
     # onnxruntime takes several times as long for gathers of so many weights as for the whole matrix
     spread = moved.T @ jnp.asarray(dense_matrix(ring.up, len(moved)).T)
     return V + spread.T, state._replace(carry=carry)

@@ -149,10 +149,6 @@ def test_the_animator_corrects_unless_the_column_rnn_is_taken_away():
             tiny_model(),
         )
     )
-    drawn = animated(with_rollout(amplitude=1.2))
-    assert np.abs(drawn - V).max() > 0.001
-    held = animated(with_rollout(max_correction=1e-6))  # so little that only the latents are left
-    assert np.abs(held - latents).max() < 1e-4
     assert np.isfinite(V).all()
     assert np.abs(V - latents).max() > 0.01
     np.testing.assert_array_equal(alone, latents)
@@ -165,8 +161,6 @@ def test_the_plan_says_whether_it_runs():
     assert on.detail
     assert on.leave_out == ("generative/E_gen",)
     assert on.why["column_rnn"] == "wanted: 60% of the way from the latents to it"
-    drawn = make_plan(facts_of(with_rollout(amplitude=1.06)), SCENE, motion(5))
-    assert drawn.why["column_rnn"] == "wanted: 60% of the way from the latents to it, drawn out by 1.06"
     off = make_plan(facts_of(column_rnn_model()), SCENE, motion(5), column_rnn=False)
     assert not off.column_rnn
     assert off.leave_out == ("generative/E_gen", "column_rnn")

@@ -22,7 +22,6 @@ HASHES = {
     "--baselines.lanes=33": "cb6a001567127e33",
     "--collision.eps=0.252": "1481867ef15c7d09",
     "--generative.skin_reach=0.25": "b819aa257a3f49f5",
-    "--rollout.gain=0.75": "b40e37fe62f74039",
     "--column_rnn.layers=1": "14c8309826c044fb",
     "--column_rnn.steps=1": "cd1d50e514f55b9b",
     "--training.begin_from=x": "4e3000b3c5779a4d",

@@ -195,10 +195,9 @@ def test_wrong_entries_are_refused_by_name_value_and_remedy(entries: dict, messa
             ["--detail.steps", "99999999999"],
             r"detail\.steps = 99999999999 is out of range; give 2147483647",
         ),
-        (["--rollout.amplitude", "0"], r"rollout\.amplitude = 0\.0 must be a finite number, greater than 0"),
         (
-            ["--rollout.max_correction", "-1"],
-            r"rollout\.max_correction = -1\.0 must be a finite number, greater than 0",
+            ["--training.log_every", "-1"],
+            r"training\.log_every = -1 must be a finite number, greater than 0",
         ),
         (["--uv.size", "big"], r"uv\.size = 'big' must be a whole number"),
         (["--data.mirror", "yes"], r"data\.mirror = 'yes' must be true or false"),

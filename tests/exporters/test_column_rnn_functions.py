@@ -48,10 +48,10 @@ def test_a_frame_is_that_of_the_whole_motion(degrees: float):
     assert np.abs(expected.turn).max() > 1e-3
 
 
-@pytest.mark.parametrize("drawn", [(1.0, 1.0), (1.2, 0.05)])
-def test_the_codes_are_corrected_as_in_a_rollout(drawn: tuple[float, float]):
+@pytest.mark.parametrize("weight", [1.0, 0.4])
+def test_the_codes_are_corrected_as_in_a_rollout(weight: float):
     model, motion = column_rnn_model(), turned(50.0)
-    how = replace(model.config.rollout, amplitude=drawn[0], max_correction=drawn[1])
+    how = replace(model.config.rollout, column_rnn=weight)
     model = model._replace(config=replace(model.config, rollout=how))
     tables_ = template(model)
     inputs = model_input(model, SCENE, tables_, seeds(), motion)

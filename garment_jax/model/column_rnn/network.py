@@ -151,14 +151,9 @@ def corrected(
     *,
     tables: ColumnTables,
     weight: float,
-    amplitude: float = 1.0,
-    max_correction: float = 1.0,
 ) -> Float[Array, "*b n 3"]:
     """Return `V` with `weight` of the way from its cells to `X` gone, smoothly in between; its folds stay."""
-    moved = cells_moved(
-        V, X, anchor, tables=tables, weight=weight, amplitude=amplitude, max_correction=max_correction
-    )
-    return V + apply_stencil(moved, tables.up)
+    return V + apply_stencil(cells_moved(V, X, anchor, tables=tables, weight=weight), tables.up)
 
 
 def cells_moved(
@@ -168,28 +163,10 @@ def cells_moved(
     *,
     tables: ColumnTables,
     weight: float,
-    amplitude: float,
-    max_correction: float,
 ) -> Float[Array, "*b ah 3"]:
-    """Return how far `corrected` moves each cell, metres, root frame.
-
-    A difference d between the column RNN and the decoded garment is limited to r tanh(d / r), r =
-    `max_correction` times the cell's scale: where they disagree widely neither is reliable, and the full
-    difference would stretch the cloth between two columns. The offset from the rest position is then scaled
-    by `amplitude`: a regression mean has less amplitude than any sample.
-    """
-    cells = cells_of(V, anchor, tables=tables)
-    away = X - cells
-    filled, most = (
-        jnp.broadcast_to(x, away.shape) for x in (tables.filled[..., None], max_correction * tables.scale)
-    )
-    square = jnp.square(away).sum(axis=-1, keepdims=True)
-    apart = square > 1e-16
-    far = jnp.sqrt(jnp.where(apart, square, 1.0))  # no infinite gradient where nothing is to be done
-    away = away * jnp.where(apart, most * jnp.tanh(far / most) / far, 1.0)
-    away = weight * away
-    if amplitude != 1.0:
-        away += (amplitude - 1.0) * (cells + away - jnp.broadcast_to(tables.rest, away.shape))
+    """Return how far `corrected` moves each cell, metres, root frame; a cell without cloth not at all."""
+    away = weight * (X - cells_of(V, anchor, tables=tables))
+    filled = jnp.broadcast_to(tables.filled[..., None], away.shape)
     away = jnp.einsum("aij,...ahi->...ahj", tables.frames, jnp.where(filled > 0, away, 0.0))
     return away.reshape(*away.shape[:-3], -1, 3)
 

@@ -62,9 +62,8 @@ def column_frames_of(
 
 
 def _drawn(V: jax.Array, X: jax.Array, frame: ColumnFrame, template: Template, config: Config) -> jax.Array:
-    how = config.rollout
-    drawn = {"weight": how.column_rnn, "amplitude": how.amplitude, "max_correction": how.max_correction}
-    return corrected(V, X, jnp.asarray(frame.anchor), tables=_ring(template), **drawn)
+    weight = config.rollout.column_rnn
+    return corrected(V, X, jnp.asarray(frame.anchor), tables=_ring(template), weight=weight)
 
 
 def _ring(template: Template) -> ColumnTables:

@@ -1,6 +1,5 @@
 """The ring's static tables against slow loops."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -132,53 +131,15 @@ def test_pins_in_a_line_are_no_ring():
         make_column_tables(make_scene("cape", vertices=300), config=COLUMNS)
 
 
-@pytest.mark.parametrize("reach", [1.0, 1.5])
-def test_a_correction_does_not_reach_farther_than_a_cells_scale(reach: float):
-    """One wild cell in a garment is followed up to its scale, and a small difference as it is."""
+@pytest.mark.parametrize("weight", [1.0, 0.7])
+def test_a_correction_goes_its_part_of_the_way_however_far(weight: float):
+    """From the template's cells: spread by the splines, and nothing in between holds it back."""
     cells = np.asarray(cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables()))
-    rng = np.random.default_rng(4)
-    way = rng.normal(size=cells.shape)
-    way /= np.linalg.norm(way, axis=-1, keepdims=True)
-    largest = []
-    for far in (1e-4, 0.5, 5.0, 1e6):
+    way = np.random.default_rng(4).normal(size=cells.shape)
+    for far in (0.0, 1e-4, 0.5, 100.0):
         X = cells + far * tables().scale * way
-        ring = {"tables": tables(), "weight": 1.0} | ({} if reach == 1.0 else {"max_correction": reach})
-        made = corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), **ring)
-        held = reach * np.tanh(far / reach)
-        away = np.einsum("aij,ahi->ahj", tables().frames, held * tables().scale * way)
-        index, weight = tables().up.index, tables().up.weight
-        wanted = (away.reshape(-1, 3)[index] * weight[..., None]).sum(axis=1)
-        np.testing.assert_allclose(np.asarray(made) - T, wanted, atol=3e-6)
-        largest.append(np.linalg.norm(wanted, axis=-1).max() / tables().scale.max())
-    assert largest[0] < 2e-4
-    assert largest[3] < 1.5 * reach
-
-
-def test_a_gain_draws_out_what_is_away_from_the_template_and_nothing_else():
-    """A garment that hangs as the template does stays; cloth that swings out swings farther."""
-
-    def drawn(X: np.ndarray, gain: float) -> np.ndarray:
-        made = corrected(
-            jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=1.0, amplitude=gain
-        )
-        return np.asarray(made) - T
-
-    np.testing.assert_allclose(drawn(tables().rest, 1.3), 0.0, atol=2e-6)
-    rng = np.random.default_rng(5)
-    bend = 1e-2 * tables().scale * rng.normal(size=tables().rest.shape)
-    for gain in (1.3, 0.7):
-        wanted = gain * drawn(tables().rest + bend, 1.0)
-        np.testing.assert_allclose(drawn(tables().rest + bend, gain), wanted, atol=5e-6)
-
-
-def test_its_gradient_is_finite_where_nothing_is_to_be_corrected():
-    cells = cells_of(jnp.asarray(T), jnp.asarray(ANCHOR), tables=tables())
-
-    def size(X: jax.Array) -> jax.Array:
-        V = corrected(jnp.asarray(T), X, jnp.asarray(ANCHOR), tables=tables(), weight=0.7, amplitude=1.06)
-        return jnp.square(V).sum()
-
-    gradient = np.asarray(jax.grad(size)(cells))
-    assert np.isfinite(gradient).all()
-    near = np.asarray(jax.grad(size)(cells + 1e-4))
-    np.testing.assert_allclose(gradient, near, atol=1e-2 * np.abs(near).max())
+        made = corrected(jnp.asarray(T), jnp.asarray(X), jnp.asarray(ANCHOR), tables=tables(), weight=weight)
+        away = weight * far * np.einsum("aij,ahi->ahj", tables().frames, tables().scale * way)
+        index, share = tables().up.index, tables().up.weight
+        wanted = (away.reshape(-1, 3)[index] * share[..., None]).sum(axis=1)
+        np.testing.assert_allclose(np.asarray(made) - T, wanted, rtol=1e-4, atol=3e-6)
