@@ -75,7 +75,7 @@ def config_for(scene: Scene, steps: Mapping[str, int], *, seconds: float, seed: 
     if not set(BodyConfig().motion_joints) <= set(scene.body.joint_names):
         table["body"] = {"motion_joints": ["all"]}
     table["training"] = {"seed": seed, "validate_every": 0, "checkpoint_seconds": 30.0}
-    table["rollout"] = {"chunk": 32, "column_rnn": 0.85 if long else 0.6}
+    table["rollout"] = {"chunk": 32, "column_rnn": 0.85}
     return from_dict(table)
 
 
