@@ -99,10 +99,9 @@ def main() -> None:
         rows = stage_speeds(config, data, Path(name) / "run", stage=options.stage)
         with open_sequence(min((data / "train").glob("*.h5"))) as clip:
             vertices = len(clip.scene.garment.template)
-    rows = [
-        row | {"all steps": (n := all_steps(whole)[row["stage"]]), "h": n * row["s/step"] / 3600}
-        for row in rows
-    ]
+    for row in rows:
+        row["all steps"] = all_steps(whole)[row["stage"]]
+        row["h"] = round(row["all steps"] * row["s/step"] / 3600, 2)
     facts = {
         "config": str(options.config),
         "vertices": vertices,

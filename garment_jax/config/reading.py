@@ -17,6 +17,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 # In a wheel `configs/` lies inside the package (setup.py), in a checkout beside it.
 _PLACES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
 
+# Limits and gains of the column RNN's correction, which goes the whole way now
 _FORMER_ROLLOUT = ("amplitude", "gain", "max_correction", "reach")
 
 
@@ -148,7 +149,10 @@ def to_toml(config: Config) -> str:
 
 
 def _without_former_keys(table: Mapping[str, Any], source: str) -> Mapping[str, Any]:
-    """Return `table` without what older models name and no rollout reads any more."""
+    """Return `table` without what older models name and no rollout reads any more.
+
+    A model that limited or drew out its corrections is animated without that.
+    """
     old = table.get("dynamics")
     if isinstance(old, Mapping) and old.get("steps", 0):
         raise ValueError(

@@ -8,7 +8,6 @@ SIMULATING = 0.4  # part of what measuring leaves
 FEWEST_FRAMES, MOST_FRAMES = 400, 40_000  # to learn from; 40,000 of 2,800 vertices fill 4 GB of disk
 FEWEST_KEPT_BACK, MOST_KEPT_BACK = 112, 900
 SHORTEST_CLIP, LONGEST_CLIP = 112, 350  # frames
-RING = "column_rnn"
 # Part of the training's seconds, and bounds of the steps. Of configs/skirt.toml the column RNN takes half:
 # more of it pays longest.
 STAGES = {
@@ -16,7 +15,7 @@ STAGES = {
     "warm_up": (0.20, 120, 12_000),
     "motion": (0.13, 6, 3_000),
     "detail": (0.08, 40, 3_000),
-    RING: (0.47, 200, 20_000),
+    "column_rnn": (0.47, 60, 20_000),
 }
 
 
@@ -65,14 +64,8 @@ def kept_back_within(seconds: float, *, per_frame: float) -> int:
 def steps_within(seconds: float, per_step: Mapping[str, float]) -> dict[str, int]:
     """Return the steps of the stages in `per_step` (seconds each) that fill `seconds`, within their bounds.
 
-    What stages leave at their upper bounds goes to the others, in proportion. The column RNN is left out
-    where it would get fewer than its fewest: with 100 steps it errs by more than the latents it corrects.
+    What stages leave at their upper bounds goes to the others, in proportion.
     """
-    share, fewest, _ = STAGES[RING]
-    if RING in per_step:
-        whole = sum(STAGES[name][0] for name in per_step)
-        if seconds * share / whole < fewest * per_step[RING]:
-            return steps_within(seconds, {k: v for k, v in per_step.items() if k != RING})
     steps: dict[str, int] = {}
     left, open_stages = seconds, list(per_step)
     while open_stages:

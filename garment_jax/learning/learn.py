@@ -22,7 +22,7 @@ from garment_jax.learning.budget import (
 from garment_jax.learning.calibration import calibrate, seconds_per_frame
 from garment_jax.learning.measuring import mean_of, measure
 from garment_jax.learning.motions import Source, training_jobs
-from garment_jax.learning.networks import config_for, has_mirror_image, stages_of
+from garment_jax.learning.networks import config_for, has_mirror_image, stages_of, why_no_column_rnn
 from garment_jax.learning.plan import PlanFile
 from garment_jax.learning.time_left import TimeLeft
 from garment_jax.model.folder import FACTS, check_no_model, check_replaceable
@@ -186,7 +186,9 @@ class _Work:
         """Return the configuration to train with, decided now or before."""
         given, wanted, seconds = self.given, self.wanted, self.shares.training
         if self.file.plan.steps is None:
-            stages = stages_of(given.scene)
+            stages = stages_of(given.scene, seconds=seconds)
+            if "column_rnn" not in stages:
+                self.say("column_rnn: left out, " + why_no_column_rnn(given.scene))
             self.left.begin("calibrate")
             with self.file.timed("calibrate"):
                 if self.file.plan.seconds_per_step is None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from garment_jax.bench import plan as bench_plan
 from garment_jax.bench.plan import Job, Plan
 from garment_jax.bench.plan import test_clips as clips_to_test
 from garment_jax.bench.runner import next_job
@@ -172,12 +173,17 @@ def test_edge_lengths_make_other_rollouts_and_times_of_the_same_runs(tmp_path: P
         assert off[row][2] != on[row][2]
 
 
-def test_a_column_rnns_part_names_its_results_where_there_is_one(tmp_path: Path) -> None:
+def test_a_column_rnns_part_names_its_results_where_there_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def named(rollout: str, steps: int) -> str:
         plan = make_plan(
             tmp_path, f"{TEXT}\n[budget.column_rnn]\nsteps = {steps}\n[budget.rollout]\n{rollout}\n"
         )
         return plan.roll_job(row_of(plan, "ours"), 0).done.name
 
-    assert named("column_rnn = 0.6", 5) != named("column_rnn = 0.7", 5)
+    now = named("column_rnn = 0.6", 5)
+    assert now != named("column_rnn = 0.7", 5)
     assert named("column_rnn = 0.7", 0) == named("", 0)
+    monkeypatch.setattr(bench_plan, "CORRECTED", 3)
+    assert named("column_rnn = 0.6", 5) != now  # a correction that does something else

@@ -24,6 +24,7 @@ HASHES = {
     "--generative.skin_reach=0.25": "b819aa257a3f49f5",
     "--column_rnn.layers=1": "14c8309826c044fb",
     "--column_rnn.steps=1": "cd1d50e514f55b9b",
+    "--rollout.column_rnn=0.75": "89f892a33ad68278",
     "--training.begin_from=x": "4e3000b3c5779a4d",
 }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from garment_jax.cli.models import model_row
-from garment_jax.learning import budget, learn, motions
+from garment_jax.learning import budget, learn, motions, networks
 from garment_jax.learning.calibration import Calibration
 from garment_jax.learning.learn import Given, Learnt, Wanted
 from garment_jax.learning.motions import Recorded
@@ -33,7 +33,7 @@ def tiny_config(scene, steps, *, seconds, seed):
         detail=replace(CONFIG.detail, steps=steps["detail"]),
         column_rnn=replace(
             CONFIG.column_rnn,
-            steps=steps["column_rnn"],
+            steps=steps.get("column_rnn", 0),
             columns=6,
             rows=3,
             hidden=4,
@@ -57,8 +57,12 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(budget, "MOST_KEPT_BACK", 9)
     monkeypatch.setattr(motions, "SHORTEST", 8)
     monkeypatch.setattr(budget, "STAGES", {k: (v[0], STEPS, STEPS) for k, v in budget.STAGES.items()})
-    found = Calibration(dict.fromkeys(budget.STAGES, 1.0), 5.0)
-    monkeypatch.setattr(learn, "calibrate", lambda *_: found)
+
+    def calibrate(config, *_: object) -> Calibration:
+        trained = (name for name in budget.STAGES if name != "column_rnn" or config.column_rnn.steps)
+        return Calibration(dict.fromkeys(trained, 1.0), 5.0)
+
+    monkeypatch.setattr(learn, "calibrate", calibrate)
     monkeypatch.setattr(learn, "config_for", tiny_config)
 
 
@@ -92,9 +96,12 @@ def test_what_the_screening_left_out_is_not_simulated_again(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("brief", [False, True])
 def test_a_stopped_call_goes_on_to_a_model_that_runs_alone(
-    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, brief: bool
 ) -> None:
+    monkeypatch.setattr(networks, "BRIEF", 1e9 if brief else 0.0)
+    stages = [name for name in budget.STAGES if not (brief and name == "column_rnn")]
     out, work, said = tmp_path / "model", tmp_path / "model.work", []
     source = Recorded({n: make_motion(SCENE, 24, seed=k, legs=0.1) for k, n in enumerate("abc")}, ["b"])
     given = Given(SCENE, None, CLOTH, source)
@@ -107,7 +114,7 @@ def test_a_stopped_call_goes_on_to_a_model_that_runs_alone(
         with pytest.raises(KeyboardInterrupt):
             learn.learn(given, out, work, Wanted(2.0), say=said.append)
     before = json.loads((work / "plan.json").read_text())
-    assert before["steps"] == dict.fromkeys(budget.STAGES, STEPS)
+    assert before["steps"] == dict.fromkeys(stages, STEPS)
     assert sorted(path.stem for path in (work / "clips" / "test").iterdir()) == ["b"]
     assert not out.exists()
 
@@ -121,7 +128,8 @@ def test_a_stopped_call_goes_on_to_a_model_that_runs_alone(
     figures = json.loads((out / "figures.json").read_text())
     assert figures["clips"]["b"]["rmse_cm"] == pytest.approx(learnt.rmse_cm, abs=1e-4)
     assert model_row("model", out)[3] == f"{figures['ms_per_frame']:.1f}" != "0.0"
-    assert "column_rnn" in load_model(find_model(out)).params
+    assert ("column_rnn" in load_model(find_model(out)).params) is not brief
+    assert ("column_rnn: left out, in so few minutes the latents alone err by less" in said) is brief
     assert {path.name for path in out.iterdir()} >= {
         "picture.png",
         "scene.h5",

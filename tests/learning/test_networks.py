@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from garment_jax.config import from_dict, load_config, to_dict
-from garment_jax.learning.networks import LONG, config_for, has_mirror_image, stages_of
+from garment_jax.learning.budget import divide
+from garment_jax.learning.networks import BRIEF, LONG, config_for, has_mirror_image, stages_of
 from tests.reference.scene import make_scene
 
 SCENE = make_scene()
@@ -37,7 +38,17 @@ def test_mirror_images_and_joints_follow_the_scene() -> None:
 
 
 def test_a_garment_without_pins_has_no_column_rnn() -> None:
-    assert stages_of(SCENE)[-1] == "column_rnn"
-    assert "column_rnn" not in stages_of(SCENE._replace(pins=None))
+    assert stages_of(SCENE, seconds=LONG)[-1] == "column_rnn"
+    assert "column_rnn" not in stages_of(SCENE._replace(pins=None), seconds=LONG)
     made = config_for(SCENE._replace(pins=None), {"generative": 1}, seconds=10.0, seed=0)
     assert made.column_rnn.steps == 0
+
+
+def test_a_brief_training_has_no_column_rnn() -> None:
+    assert stages_of(SCENE, seconds=BRIEF + 1.0) == tuple(STEPS)
+    brief = stages_of(SCENE, seconds=BRIEF)
+    assert brief == tuple(name for name in STEPS if name != "column_rnn")
+    made = config_for(SCENE, {name: STEPS[name] for name in brief}, seconds=BRIEF, seed=0)
+    assert made.column_rnn.steps == 0
+    shares = [divide(minutes).training > BRIEF for minutes in (3.0, 5.5, 6.0, 10.0)]
+    assert shares == [False, False, True, True]

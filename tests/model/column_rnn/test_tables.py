@@ -116,6 +116,12 @@ def test_a_garment_that_is_open_has_empty_columns():
     assert open_tables.filled[A // 2].all()
     assert np.isfinite(open_tables.rest).all()
     assert (open_tables.share[open_tables.filled == 0] < 1e-3).all()
+    # what the ring says of a cell without cloth moves nothing
+    X = np.where(open_tables.filled[..., None] > 0, open_tables.rest, np.nan)
+    made = corrected(
+        jnp.asarray(half.template), jnp.asarray(X), jnp.asarray(ANCHOR), tables=open_tables, weight=1.0
+    )
+    assert np.isfinite(made).all()
 
 
 def test_a_part_without_pins_is_refused():
