@@ -1,6 +1,7 @@
 """The first steps of every stage, and the hours that all of a configuration's steps take at that speed.
 
-    python benchmarks/stage_steps.py [--config configs/paper.toml] [--data DIR] [--steps 5] [--json FILE]
+    python benchmarks/stage_steps.py [--config configs/paper.toml] [--data DIR] [--steps 5]
+        [--stage all] [--json FILE]
 
 Without clips (`--data`) the garment is of the paper's size, a cone grid of 9,352 vertices on a small body;
 its motion and its folds are made in code: what counts then is that the networks build, fit and take steps.
