@@ -24,6 +24,7 @@ from garment_jax.body.root_frame import heading, to_root
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.evaluation.rmse import rmse
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.geometry.strain_limit import make_strain_tables
 from garment_jax.io.sequence import Sequence, open_sequence
 from garment_jax.postprocess.limb_crossings import init_crossings, make_limb_crossing_tables, undo_crossings
 
@@ -41,13 +42,13 @@ def measure(path: Path, truth: Path) -> dict[str, Any]:
         scene, motion, name, V, V_star = clip.scene, clip.motion, clip.name, rooted(clip), rooted(true)
     assert scene.collider is not None
     assert scene.pins is not None
-    T, faces = scene.garment.template, scene.garment.faces
-    limbs = limbs_of(scene.body, scene.collider)
-    tables = make_limb_crossing_tables(T, faces, limbs, uniform_table(faces, len(T)))
+    T, faces, pins = scene.garment.template, scene.garment.faces, scene.pins.vertices
+    limbs, strain = limbs_of(scene.body, scene.collider), make_strain_tables(scene.garment, pins)
+    tables = make_limb_crossing_tables(scene.garment, limbs, uniform_table(faces, len(T)), strain)
     assert tables is not None
     carried = carried_points(scene, collider=False, limbs=limbs)
     bones = pose_carried(carried, scene, motion, slice(0, len(V))).bones
-    free = jnp.ones(len(T), bool).at[scene.pins.vertices].set(False)
+    free = jnp.ones(len(T), bool).at[pins].set(False)
     step = jax.jit(lambda state, v, b: undo_crossings(state, v, b, free=free, tables=tables))
     state = init_crossings(jnp.asarray(V[0]), jnp.asarray(bones[0]))
     jax.block_until_ready(step(state, jnp.asarray(V[0]), jnp.asarray(bones[0])))

@@ -19,6 +19,7 @@ from garment_jax.dataset.prepared import training_clips
 MEASURED = 1
 LENGTHS = 2  # the same for edge lengths alone: rows without them keep their names
 CORRECTED = 2  # the same for what a column RNN's cells do to the latents' garment
+CONTACTS = 2  # the same for limb crossings and collisions, in rollouts that handle them (not in run times)
 FINISHED = 2  # the same for what comes after a baseline's networks; ours' are named by their values
 TRAIN, ROLL, TIME, SIMULATE, LATENT = "train", "roll", "time", "simulate", "latent"
 
@@ -104,7 +105,9 @@ class Plan:
     def roll_job(self, row: Row, seed: int) -> Job:
         train = self.train_job(row, seed)
         parts = [MEASURED, train.run, self.test_hash, self._rolled(row, seed), self.settings.every]
-        return train._replace(kind=ROLL, done=self._result(row, seed, ROLL, [*parts, self.settings.lengths]))
+        contacts = [f"contacts {CONTACTS}"] if row.collision and not is_reconstruction(row) else []
+        parts += [self.settings.lengths, *contacts]
+        return train._replace(kind=ROLL, done=self._result(row, seed, ROLL, parts))
 
     def time_job(self, row: Row) -> Job:
         seed = row.seeds[0]

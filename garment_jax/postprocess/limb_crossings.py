@@ -4,7 +4,8 @@ A predicted skirt that lags behind a kick has the leg on the wrong side. The col
 the shortest way out of the body leads to the wrong side as well. So where a bone crosses the predicted
 cloth, each vertex' path since the last frame is followed relative to the bone. A vertex whose path went
 through the limb is constrained to the half-space it came from; the cloth around it follows by projected
-gradient descent on bending, edge lengths and distance from the prediction. Not in the paper.
+gradient descent on bending, edge lengths and distance from the prediction, and is shortened where that has
+stretched it too far. Not in the paper.
 
 Root frames: where the heading jumps (a body upside down, `body/root_frame.py`) the way since the last frame
 is not the cloth's.
@@ -28,14 +29,17 @@ from garment_jax.geometry.elastic import (
     ordered,
 )
 from garment_jax.geometry.laplacian import LaplacianTable
+from garment_jax.geometry.strain_limit import MOMENTUM, StrainTables, strain_limited
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.geometry.triangle import cross, dot, minus
 from garment_jax.postprocess.collision.result import chosen
+from garment_jax.structs import Garment
 
 CORE = 0.8  # part of a limb's radius within which a way counts as through it
 SPREAD = 0.13  # metres over which bending lets a displacement die away
 THICKNESS = 0.037  # metres: with edges as long, stretching costs as much as displacing a vertex by as much
 STEPS = 100  # gradient steps a frame; the next frame goes on from there
+SHORTENING = 30  # iterations a frame at most that shorten what these steps have stretched
 RELEASE = 0.7  # part of the displacement that is left a frame after the last bone has left the cloth
 GONE = 1e-4  # metres of displacement below which a vertex stays where it was predicted
 FLIP = 0.1  # 1 + cosine of a bone's turn in a frame below which its way says nothing
@@ -50,6 +54,7 @@ class LimbCrossingTables(NamedTuple):
     radius: np.ndarray  # [q] float32 metres, of the limbs' bones
     reach: float  # metres, the longest edge: a bone that crosses a face is so near to a vertex
     elastic: ElasticTables
+    strain: StrainTables
 
 
 class CrossingState(NamedTuple):
@@ -62,17 +67,18 @@ class CrossingState(NamedTuple):
 
 
 def make_limb_crossing_tables(
-    template: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], limbs: Limbs, table: LaplacianTable
+    garment: Garment, limbs: Limbs, table: LaplacianTable, strain: StrainTables
 ) -> LimbCrossingTables | None:
-    """Return the tables of a garment (`template` in metres); None without limbs."""
-    edges = unique_edges(np.asarray(faces))
+    """Return the tables of a garment; None without limbs."""
+    edges = unique_edges(garment.faces)
     if not len(limbs.radius) or not len(edges):
         return None
-    T = np.asarray(template, np.float64)
+    T = garment.template.astype(np.float64)
     length = np.linalg.norm(T[edges[:, 0]] - T[edges[:, 1]], axis=1)
     reach = float(length.max())  # 0.58 of it would do; so a face may be stretched by 1.7
     elastic = make_elastic_tables(T, table, spread=SPREAD, thickness=THICKNESS)
-    return LimbCrossingTables(np.asarray(faces, np.int32), limbs.radius.astype(np.float32), reach, elastic)
+    radius = limbs.radius.astype(np.float32)
+    return LimbCrossingTables(np.asarray(garment.faces, np.int32), radius, reach, elastic, strain)
 
 
 def init_crossings(V: Float[Array, "n 3"], bones: Float[Array, "q 2 3"]) -> CrossingState:
@@ -156,22 +162,39 @@ def _held(
         for b in range(len(tables.radius))
     ]
     elastic = tables.elastic
-    direction = ordered(jnp.stack([u for u, _ in planes]), elastic)  # [q, 3, n], 0 where there is no plane
-    height = ordered(jnp.stack([h for _, h in planes]), elastic)
+    directions = jnp.stack([u for u, _ in planes])  # [q, 3, n], 0 where there is no plane
+    heights = jnp.stack([h for _, h in planes])
+    direction, height = ordered(directions, elastic), ordered(heights, elastic)
     edges, movable = edges_of(ordered(P, elastic), elastic), ordered(free, elastic)
 
     def step(_: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, y, theta = carry
         new = y - jnp.where(movable[None], elastic_gradient(y, edges, elastic), 0.0) / elastic.lipschitz
-        for b in range(len(planes)):
-            new = new + jnp.maximum(height[b] - dot(direction[b], new), 0.0)[None] * direction[b]
+        new = _beyond(new, direction, height)
         return new, *accelerated(new, x, y, theta)
 
     x = ordered(state.x.T, elastic)
     wanted = direction.any() | x.any()
     steps = jnp.where(wanted, STEPS, 0)
     x, _, _ = jax.lax.fori_loop(0, steps, step, (x, x, jnp.ones((), x.dtype)))
-    return disordered(x, elastic)
+    V, _ = strain_limited(
+        (P + disordered(x, elastic)).T,
+        tables.strain,
+        as_in=P.T,
+        project=lambda V: P + _beyond(V - P, directions, heights),
+        iterations=SHORTENING,
+        momentum=MOMENTUM,
+    )
+    return V.T - P
+
+
+def _beyond(
+    x: Float[Array, "3 n"], direction: Float[Array, "q 3 n"], height: Float[Array, "q n"]
+) -> Float[Array, "3 n"]:
+    """Return displacements on their side of one bone's plane after the other."""
+    for b in range(len(height)):
+        x = x + jnp.maximum(height[b] - dot(direction[b], x), 0.0)[None] * direction[b]
+    return x
 
 
 def _plane(

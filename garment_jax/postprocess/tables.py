@@ -86,11 +86,8 @@ def make_contact_tables(
     Raises `ValueError` as `make_collider_tables` and `make_collision_tables` do.
     """
     surface = make_collider_tables(collider, body)
-    crossings = (
-        None
-        if limbs is None
-        else make_limb_crossing_tables(garment.template, garment.faces, limbs, laplacian)
-    )
+    strain = make_strain_tables(garment, pins)
+    crossings = None if limbs is None else make_limb_crossing_tables(garment, limbs, laplacian, strain)
     own = None
     if untangle and len(garment.faces):
         own = make_untangle_tables(garment.template, garment.faces, pins)
@@ -100,6 +97,6 @@ def make_contact_tables(
         collision=make_collision_tables(garment.template, laplacian, surface),
         options=options,
         crossings=crossings,
-        strain=make_strain_tables(garment, pins),
+        strain=strain,
         untangle=own,
     )

@@ -35,7 +35,7 @@ LAYERS, THICK = 0.004, 0.002  # metres between the layers of a stack, and of noi
 TURNS, LEFT = 1.5, 0.15  # of a wrapped garment's hem or a rolled one's width; what is left of its radius
 POINT = 40  # vertices in one place
 LONG, PERIOD = 50_000, 100  # frames of a fold that opens and closes; of one turn of it
-CALM = 200  # frames after which nothing is left of a fold
+CALM = 225  # frames after which nothing is left of a fold: ten held, then the largest push fades to `STILL`
 PIECE = 1_000  # frames in one call
 
 

@@ -10,6 +10,7 @@ import pytest
 from garment_jax.body.limbs import Limbs
 from garment_jax.evaluation.piercing import pierced_bones
 from garment_jax.geometry.laplacian import uniform_table
+from garment_jax.geometry.strain_limit import make_strain_tables
 from garment_jax.geometry.topology import unique_edges
 from garment_jax.postprocess import limb_crossings
 from garment_jax.postprocess.limb_crossings import (
@@ -19,18 +20,22 @@ from garment_jax.postprocess.limb_crossings import (
     make_limb_crossing_tables,
     undo_crossings,
 )
+from garment_jax.structs import Garment
 from tests.postprocess.collision.cloth import sheet
 
 RADIUS = 0.08
 LIMBS = Limbs(np.array([[0, 1], [1, 2]], np.int32), np.array([RADIUS, RADIUS]))
 REST, FACES = sheet(0.0)
 TABLE = uniform_table(FACES, len(REST))
-FREE = jnp.asarray(np.abs(REST[:, 2] - REST[:, 2].min()) > 1e-6)  # one side of the sheet is pinned
+GARMENT = Garment(REST, FACES, np.zeros((len(REST), 2), np.float32), FACES)
+PINS = np.flatnonzero(np.abs(REST[:, 2] - REST[:, 2].min()) <= 1e-6)  # one side of the sheet
+FREE = jnp.asarray(~np.isin(np.arange(len(REST)), PINS))
+STRAIN = make_strain_tables(GARMENT, PINS)
 
 
 @lru_cache
 def made() -> LimbCrossingTables:
-    result = make_limb_crossing_tables(REST, FACES, LIMBS, TABLE)
+    result = make_limb_crossing_tables(GARMENT, LIMBS, TABLE, STRAIN)
     assert result is not None
     return result
 
@@ -68,10 +73,34 @@ def test_the_sheet_is_lifted_by_the_bar_that_crossed_it():
     assert pierced_bones(REST[None], bones[None], FACES)[0] > 0
     assert pierced_bones(V[None], bones[None], FACES)[0] == 0
     np.testing.assert_array_equal(V[~np.asarray(FREE)], REST[~np.asarray(FREE)])
+    assert stretch(V) < 0.3
+
+
+def stretch(V: np.ndarray) -> float:
     edges = unique_edges(FACES)
     rest = np.linalg.norm(REST[edges[:, 0]] - REST[edges[:, 1]], axis=1)
-    strain = np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) / rest - 1
-    assert np.percentile(np.abs(strain), 99) < 0.3
+    return float(np.percentile(np.linalg.norm(V[edges[:, 0]] - V[edges[:, 1]], axis=1) / rest - 1, 99))
+
+
+def test_cloth_that_a_bar_takes_far_along_is_shortened_on_its_side(monkeypatch):
+    tilt, heights = 0.5, np.linspace(-0.5, 0.45, 12)
+    V = through(heights, tilt=tilt)[-1][0]
+    with monkeypatch.context() as patched:
+        patched.setattr(limb_crossings, "strain_limited", lambda V, *_, **__: (V, 0))
+        step.cache_clear()
+        long = through(heights, tilt=tilt)[-1][0]
+    step.cache_clear()
+    assert stretch(V) < 0.28 < 0.3 < stretch(long)
+    over = (np.abs(REST[:, 0]) < 0.2) & (np.abs(REST[:, 2] - 0.1) < 0.02)
+    start, end = bar(0.45, tilt=tilt)[0]
+    away = (
+        V[over]
+        - start
+        - np.outer((V[over] - start) @ (end - start), end - start) / np.sum((end - start) ** 2)
+    )
+    assert (np.linalg.norm(away, axis=1) > 0.95 * RADIUS).all()
+    assert (away[:, 1] > 0).all()  # over it, as before
+    np.testing.assert_array_equal(V[PINS], REST[PINS])
 
 
 def test_from_above_it_is_pushed_down():
@@ -133,7 +162,7 @@ def test_a_bone_that_was_through_the_cloth_from_the_start_moves_nothing():
     """No vertex has a way through it: a cloth that is longer than its template keeps every digit."""
     longer = jnp.asarray((1.05 * REST).astype(np.float32))
     bones = np.repeat(np.array([[[0.02, -0.1, 0.03], [0.02, 0.1, 0.03]]], np.float32), 2, 0)
-    thin = make_limb_crossing_tables(REST, FACES, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE)
+    thin = make_limb_crossing_tables(GARMENT, LIMBS._replace(radius=np.full(2, 1e-3)), TABLE, STRAIN)
     assert thin is not None
     state = init_crossings(longer, jnp.asarray(bones))
     for _ in range(3):
@@ -194,7 +223,7 @@ def test_the_distance_of_a_way_from_a_bone_is_the_least_of_many_pairs():
 
 def test_a_body_without_limbs_needs_no_tables():
     none = Limbs(np.zeros((0, 2), np.int32), np.zeros(0))
-    assert make_limb_crossing_tables(REST, FACES, none, TABLE) is None
+    assert make_limb_crossing_tables(GARMENT, none, TABLE, STRAIN) is None
 
 
 def test_the_next_frame_goes_on_from_what_came_out_of_the_body():

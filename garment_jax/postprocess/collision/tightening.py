@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from garment_jax.geometry.strain_limit import StrainTables, limit_rate, strain_limited
+from garment_jax.geometry.strain_limit import MOMENTUM, StrainTables, limit_rate, strain_limited
 from garment_jax.geometry.triangle import dot
 from garment_jax.postprocess.collision.options import CollisionOptions
 from garment_jax.postprocess.collision.result import (
@@ -109,4 +109,6 @@ def _shortened(last: _Last, strain: StrainTables, as_in: Array) -> Array:
         short = jnp.where(direction.any(axis=0), last.planes.height - dot(direction, x), 0.0)
         return x + jnp.maximum(short, 0.0)[None] * direction
 
-    return strain_limited(last.state.V.T, strain, as_in=as_in, project=project, iterations=ITERATIONS)[0]
+    return strain_limited(
+        last.state.V.T, strain, as_in=as_in, project=project, iterations=ITERATIONS, momentum=MOMENTUM
+    )[0]
