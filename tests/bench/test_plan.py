@@ -1,5 +1,6 @@
 """What is done in which order, what is shared, and what a change of the file makes anew."""
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -187,3 +188,20 @@ def test_a_column_rnns_part_names_its_results_where_there_is_one(
     assert named("column_rnn = 0.7", 0) == named("", 0)
     monkeypatch.setattr(bench_plan, "CORRECTED", 3)
     assert named("column_rnn = 0.6", 5) != now  # a correction that does something else
+
+
+def test_what_contacts_do_names_rollouts_that_handle_them_and_no_run_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make_plan(tmp_path, TEXT)
+    row = row_of(plan, "ours")
+    free = dataclasses.replace(row, collision=False)
+
+    def names() -> tuple[str, str, str]:
+        return plan.roll_job(row, 0).done.name, plan.roll_job(free, 0).done.name, plan.time_job(row).done.name
+
+    before = names()
+    monkeypatch.setattr(bench_plan, "CONTACTS", bench_plan.CONTACTS + 1)
+    after = names()
+    assert after[0] != before[0]
+    assert after[1:] == before[1:]
