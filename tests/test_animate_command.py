@@ -42,7 +42,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """The template carried by the root in place of the networks: the tests are of what surrounds them."""
 
-    def carried(opened, motion, out, asked, *, early):
+    def carried(opened, motion, out, asked, *, early, stop):
         with open_sequence(motion) as clip:
             about = {"kind": "predicted", "name": clip.name}
             with SequenceWriter(out, clip.scene, clip.motion, attributes=about) as writer:
@@ -225,6 +225,17 @@ def test_start_and_stop_cut_what_is_written(model: str, here: Path, quick, name:
 
         with Image.open(here / name) as film:
             assert film.n_frames == 2
+
+
+def test_frames_after_stop_are_not_animated(model: str, here: Path, capsys) -> None:
+    """And those before it do not depend on them."""
+    words = ["animate", model, "--out"]
+    assert main([*words, "whole.npz", *FAST]) == 0
+    assert "10 frames in" in capsys.readouterr().out
+    assert main([*words, "cut.npz", *FAST, "--start", "2", "--stop", "7"]) == 0
+    assert "7 frames in" in capsys.readouterr().out
+    with np.load(here / "whole.npz") as whole, np.load(here / "cut.npz") as cut:
+        np.testing.assert_array_equal(cut["vertices"], whole["vertices"][2:7])
 
 
 @pytest.mark.parametrize(

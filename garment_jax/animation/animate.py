@@ -18,7 +18,7 @@ from garment_jax.animation.network_method import compile_networks, network_metho
 from garment_jax.animation.plan import ScenePlan, make_plan
 from garment_jax.animation.stream import Chunk, PostprocessStream
 from garment_jax.aot_cache import Program, ProgramStore, compiling
-from garment_jax.body.frame_windows import stretches
+from garment_jax.body.frame_windows import first_frames, stretches
 from garment_jax.body.motion_features import chosen_joints, feature_names, motion_features
 from garment_jax.body.preroll import with_preroll
 from garment_jax.body.root_frame import headings
@@ -190,21 +190,22 @@ def animate_file(
     store: ProgramStore | None = None,
     animators: dict[tuple, Animator] | None = None,
     early: Early | None = None,
+    stop: int | None = None,
 ) -> dict[str, float]:
     """Animate the motion of the sequence file `clip` and write the sequence file `out`; return figures.
 
     `plan` says what to leave out (`make_plan`; made here if not given). `animators` keeps what is compiled
     for the next clip of the same model: pass one dictionary for all. `early` gets the first frames as they
-    are before contact handling, where that has to be compiled. Raises `ValueError` where `out` is
-    `clip`, and what `animate` refuses; replaces what is there. Progress goes
-    to standard error. The file appears when it is whole. Per frame it also holds how far the motion leaves
-    the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision handling did
-    (`extra/collision_...`, see `docs/collision.md`).
+    are before contact handling, where that has to be compiled. `stop`: frame before which the motion ends.
+    Raises `ValueError` where `out` is `clip`, and what `animate` refuses; replaces what is there. Progress
+    goes to standard error. The file appears when it is whole. Per frame it also holds how far the motion
+    leaves the training range (`extra/outside_training_range`, in ranges; 0 inside), and what collision
+    handling did (`extra/collision_...`, see `docs/collision.md`).
     """
     check_animation_out(Path(out), Path(clip))
     with open_sequence(clip) as sequence:
         return _animate_open(
-            model, sequence, Path(out), detail, collision, preroll, plan, store, animators, early
+            model, sequence, Path(out), detail, collision, preroll, plan, store, animators, early, stop
         )
 
 
@@ -219,9 +220,11 @@ def _animate_open(
     store: ProgramStore | None,
     animators: dict[tuple, Animator] | None,
     early: Early | None,
+    stop: int | None,
 ) -> dict[str, float]:
     check_input(sequence, joints=model.config.body.motion_joints)
-    clip, scene, motion, name = sequence.path, sequence.scene, sequence.long_motion, sequence.name
+    clip, scene, name = sequence.path, sequence.scene, sequence.name
+    motion = until(sequence.long_motion, stop)
     encoding, scale = _stored_as(sequence)
     outside, worst = training_range(model, scene, motion)
     plan = plan or make_plan(facts_of(model), scene, motion, detail=detail, collision=collision)
@@ -258,6 +261,13 @@ def _animate_open(
         said = _beyond_range(float(outside.max()), worst, int(outside.argmax()), motion.fps)
         print(f"{name}: {said}", file=sys.stderr)
     return {"frames": frames, "seconds": time.perf_counter() - began, "deepest_mm_before": 1e3 * deepest}
+
+
+def until(motion: Motion, stop: int | None) -> Motion:
+    """Return the motion before frame `stop`, or all of it: no frame depends on those that follow."""
+    if stop is None:
+        return motion
+    return Motion(first_frames(motion.rotations, stop), motion.root[:stop], motion.fps)  # type: ignore[arg-type]
 
 
 def _give_up(run: Animator, known: dict[tuple, Animator]) -> None:

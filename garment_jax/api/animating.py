@@ -173,7 +173,7 @@ def write_animation(
         if show_early is not None and kept is not None:
             page = EarlyPage(place, kept, title, body=shape.body, show=show_early)
         early = Early(page.sequence, page) if page else None
-        for line in infer_motion(opened, moves, made, asked, early=early):
+        for line in infer_motion(opened, moves, made, asked, early=early, stop=shape.stop):
             say(line.replace(f"{made}: ", f"{title}: "))
         files = [] if made is None else write_as(made, output, shape, place, title=title, force=force)
         if page and files:

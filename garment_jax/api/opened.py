@@ -78,12 +78,14 @@ def infer_motion(
     asked: Wanted,
     *,
     early: "Early | None" = None,
+    stop: int | None = None,
 ) -> Iterator[str]:
     """Animate a sequence file's motion into `out` (None: nothing is written) and yield the lines to print.
 
-    `early` as in `animate_file`. Raises `ValueError` or `OSError` in one sentence for what does not fit.
+    `early` and `stop` as in `animate_file`. Raises `ValueError` or `OSError` in one sentence for what does
+    not fit.
     """
-    from garment_jax.animation.animate import animate_file
+    from garment_jax.animation.animate import animate_file, until
     from garment_jax.animation.plan import make_plan
     from garment_jax.io.sequence import open_sequence
     from garment_jax.io.validation import check_input
@@ -93,7 +95,7 @@ def infer_motion(
     read = partial(read_once, opened)
     with open_sequence(motion) as sequence:
         check_input(sequence, joints=facts.config.body.motion_joints)
-        scene, moves = sequence.scene, sequence.long_motion
+        scene, moves = sequence.scene, until(sequence.long_motion, stop)
         check_rate(facts, moves, Path(motion).stem)  # a plan of what would be refused helps nobody
         scene_plan = make_plan(
             facts,
@@ -125,6 +127,7 @@ def infer_motion(
         store=opened.here.store,
         animators=opened.animators if chosen is None else None,
         early=early,
+        stop=stop,
     )
     rate = figures["frames"] / figures["seconds"]
     took = f"{figures['frames']} frames in {figures['seconds']:.1f} s ({rate:.0f} frames/s, start included)"

@@ -18,7 +18,7 @@ class FrameWindows:
     """
 
     def __init__(self, read: Callable[[int, int], np.ndarray], shape: tuple[int, ...], dtype: str) -> None:
-        self._read = read
+        self.read = read
         self.shape, self.dtype = shape, np.dtype(dtype)
         self._kept: dict[int, np.ndarray] = {}
         self._lock = Lock()
@@ -48,7 +48,7 @@ class FrameWindows:
         return found[(slice(None), *others)]
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
-        whole = np.asarray(self._read(0, len(self)), self.dtype)
+        whole = np.asarray(self.read(0, len(self)), self.dtype)
         return whole if dtype is None else whole.astype(dtype, copy=False)
 
     def _stretch(self, first: int) -> np.ndarray:
@@ -56,9 +56,16 @@ class FrameWindows:
             if first not in self._kept:
                 if len(self._kept) == _KEPT:
                     self._kept.pop(next(iter(self._kept)))  # the oldest
-                read = self._read(first, min(first + AT_ONCE, len(self)))
+                read = self.read(first, min(first + AT_ONCE, len(self)))
                 self._kept[first] = np.asarray(read, self.dtype)
             return self._kept[first]
+
+
+def first_frames(x: np.ndarray | FrameWindows, frames: int) -> np.ndarray | FrameWindows:
+    """Return the first `frames` of `x` `[t, ...]`; what stays where it is stored, still does."""
+    if isinstance(x, FrameWindows):
+        return FrameWindows(x.read, (min(frames, len(x)), *x.shape[1:]), x.dtype.str)
+    return x[:frames]
 
 
 def stretches(frames: int, *, before: int = 0) -> Iterator[tuple[int, slice]]:
