@@ -14,6 +14,7 @@ from garment_jax.storage.lock import locked
 from garment_jax.storage.scratch import scratch
 from garment_jax.storage.whole import sync, write_text
 
+CONFIG = "config.toml"
 FACTS = "model.json"  # goes first and comes last: without it a folder holds no model
 PICTURE = "picture.png"
 MEASURED = ("figures.json", "variants.json")  # of the parameters that lie beside them

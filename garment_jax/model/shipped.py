@@ -3,7 +3,7 @@
 import difflib
 from pathlib import Path
 
-from garment_jax.model.folder import FACTS
+from garment_jax.model.folder import CONFIG, FACTS
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 # In a wheel `models/` lies inside the package (setup.py), in a checkout beside it.
@@ -40,10 +40,10 @@ def find_model(model: str | Path) -> Path:
 
     Raises `FileNotFoundError` for a name that nothing has, with the one that may be meant.
     """
-    path, known = Path(model), shipped_models()
-    if path.is_dir():
+    path, known, found = Path(model), shipped_models(), shipped_model(model)
+    # a folder of clips called "dress" is no model
+    if path.is_dir() and (found is None or (path / CONFIG).is_file()):
         return path
-    found = shipped_model(model)
     if found is not None:
         return found
     if path.exists():

@@ -19,6 +19,7 @@ from garment_jax.io.content_hash import garment_hash, mesh_hash
 from garment_jax.io.formats.npz import npz_names, read_npz
 from garment_jax.io.validation import FPS_TOLERANCE, check_poses, check_same_garment
 from garment_jax.model.folder import (
+    CONFIG,
     FACTS,
     PICTURE,
     arrays_hash,
@@ -182,7 +183,7 @@ def save_model(
     facts |= {} if model.seen is None else {"seen": model.seen.described()}
     if sample is not None and (misfit := garment_misfit(model, sample.scene.garment)):
         raise ValueError(f"the scene {sample.name} has another garment than the model: {misfit}")
-    texts = {"config.toml": to_toml(model.config), FACTS: json.dumps(facts)}
+    texts = {CONFIG: to_toml(model.config), FACTS: json.dumps(facts)}
     try:
         with written_together(folder) as partial:
             check_replaceable(folder, model.garment_hash)  # by now another process may have saved there
@@ -282,7 +283,7 @@ def model_facts(folder: str | Path) -> ModelFacts:
 
 def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
     """Return configuration and facts of a saved model whose three files belong to each other."""
-    for name in ("config.toml", "model.json", "parameters.npz"):
+    for name in (CONFIG, "model.json", "parameters.npz"):
         if not (folder / name).is_file():
             if was_interrupted(folder):
                 raise FileNotFoundError(
@@ -297,7 +298,7 @@ def _described(folder: Path) -> tuple[Config, dict[str, Any]]:
             raise FileNotFoundError(
                 f"{folder} holds no {name}; name a run of train.py or a model such as models/skirt."
             )
-    config = load_config(folder / "config.toml")
+    config = load_config(folder / CONFIG)
     with _damaged(folder):
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
         _check_facts(facts, FACTS)

@@ -74,8 +74,12 @@ def test_commands_on_models_take_a_name(
 def test_a_name_a_folder_and_what_is_neither(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     assert find_model("skirt") == find_model("models/skirt") == ROOT / "models" / "skirt"
-    (tmp_path / "skirt").mkdir()
-    assert find_model("skirt") == Path("skirt")  # one's own folder comes first
+    (tmp_path / "skirt").mkdir()  # of clips, say
+    assert find_model("skirt") == ROOT / "models" / "skirt"
+    (tmp_path / "skirt" / "config.toml").write_text("")
+    assert find_model("skirt") == Path("skirt")  # one's own model comes first
+    (tmp_path / "mine").mkdir()
+    assert find_model("mine") == Path("mine")
     with pytest.raises(FileNotFoundError, match=r"there is no model skrit; do you mean skirt\?"):
         find_model("skrit")
     with pytest.raises(FileNotFoundError, match="there is no model elsewhere/x; name a folder, or one of"):
