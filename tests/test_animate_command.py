@@ -243,6 +243,8 @@ def test_frames_after_stop_are_not_animated(model: str, here: Path, capsys) -> N
     [
         (["--start", "10"], "has 10 frames; --start 10 --stop 10 must fit 0 <= start < stop <= 10"),
         (["--stop", "11", "--out", "a.usdc"], "--start 0 --stop 11 must fit"),
+        (["--stop", "0", "--plan"], "--start 0 --stop 0 must fit"),
+        (["--stop", "-1", "--plan"], "--start 0 --stop -1 must fit"),
         (["--start", "2", "--out", "a.h5"], "--start 2 is for pages, pictures and meshes, not for h5"),
         (
             ["--frame-offset", "1", "--out", "a.glb"],

@@ -165,7 +165,8 @@ def write_animation(
     into = output.path.parent
     with unmade(into), scratch(into) as place, _without(place):
         moves, notes = motion_file(opened.path, sample, output.motion, opened.facts.fps, own, place)
-        for note in (*notes, *(() if planning else check_frames(moves, output, shape))):
+        of_frames = check_frames(moves, output, shape)
+        for note in (*notes, *(() if planning else of_frames)):
             say(note)
         title = title or (output.path.stem if output.motion is None else output.motion.stem)
         made = None if planning else place / f"{title}.animation.h5"
