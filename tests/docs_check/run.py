@@ -41,6 +41,9 @@ LEFT_OUT = {  # words that a command has, and why it is not run here
     "stability": "minutes; tests/stability runs its groups",
     "embedded": "minutes; make demo does what it does",
     "cuda": "needs a GPU",
+    "--farm": "needs a Dask scheduler; tests/farm/test_dask.py has one",
+    "$SLURM_ARRAY_TASK_ID/16": "a queue fills it in; tests/farm/test_shard.py runs shards",
+    "--json": "a list of options, some for other kinds of files; tests/validation has them",
     "--coordinator": "needs several processes; tests/training/test_devices.py has them",
     "cloth/*.abc": "needs Blender",
     "FLAT": "needs a garment's sewing pattern",
@@ -78,7 +81,7 @@ def make_files(folder: Path) -> None:
     ) as writer:
         writer.append(np.repeat(SCENE.garment.template[None], 8, axis=0))
     save_model(tiny_model(), folder / "plain")
-    for name in ("models/skirt", "models/mine", "RUN"):
+    for name in ("models/skirt", "models/mine", "RUN", "MODEL"):
         words = ["save", str(folder / "plain"), "--scene", str(one), "--out", str(folder / name)]
         if garment_jax(words):
             raise SystemExit("docs-check: the tiny model could not be saved")
