@@ -23,10 +23,12 @@ SEED, FRAMES = 7, 1200
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("names", nargs="*", choices=[*NAMES, []], metavar="NAME")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)} (default: all)")
     parser.add_argument("--out", type=Path, default=Path("data/embedded"))
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
+    if unknown := set(options.names) - set(NAMES):
+        parser.error(f"{min(unknown)} is none of {', '.join(NAMES)}")
     for name in options.names or NAMES:
         scene, flat = make_outfit(name)
         settings = cloth_settings(EMBEDDED_CLOTH.get(name, []))

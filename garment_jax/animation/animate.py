@@ -100,8 +100,7 @@ class Animator:
         self._rollout.wait()
         if not self._postprocess.compiling:
             return None
-        first = Motion(motion.rotations[:frames], motion.root[:frames], motion.fps)
-        return self._postprocess.before_contacts(*self._streamed(first))
+        return self._postprocess.before_contacts(*self._streamed(until(motion, frames)))
 
     def give_up(self) -> bool:
         """Do not compile what has not begun to be; return whether that is so, and no frame can be had."""
@@ -267,7 +266,7 @@ def until(motion: Motion, stop: int | None) -> Motion:
     """Return the motion before frame `stop`, or all of it: no frame depends on those that follow."""
     if stop is None:
         return motion
-    return Motion(first_frames(motion.rotations, stop), motion.root[:stop], motion.fps)  # type: ignore[arg-type]
+    return motion._replace(rotations=first_frames(motion.rotations, stop), root=motion.root[:stop])
 
 
 def _give_up(run: Animator, known: dict[tuple, Animator]) -> None:
@@ -282,10 +281,8 @@ def _show_early(run: Animator, scene: Scene, motion: Motion, early: Early) -> No
     chunks = run.early(motion, early.frames)
     if chunks is None:
         return
-    first = Motion(motion.rotations[: early.frames], motion.root[: early.frames], motion.fps)
-    with SequenceWriter(
-        early.path, scene, first, encoding="float32", attributes={"kind": "predicted"}
-    ) as made:
+    first, about = until(motion, early.frames), {"kind": "predicted"}
+    with SequenceWriter(early.path, scene, first, encoding="float32", attributes=about) as made:
         for piece in chunks:
             made.append(piece.V)
     early.show()

@@ -41,8 +41,8 @@ def find_model(model: str | Path) -> Path:
     Raises `FileNotFoundError` for a name that nothing has, with the one that may be meant.
     """
     path, known, found = Path(model), shipped_models(), shipped_model(model)
-    # a folder of clips called "dress" is no model
-    if path.is_dir() and (found is None or (path / CONFIG).is_file()):
+    # a folder of clips called "dress" is no model; one that has lost a file of its own is, and is refused
+    if path.is_dir() and (found is None or any((path / name).exists() for name in (CONFIG, FACTS))):
         return path
     if found is not None:
         return found
